@@ -1,0 +1,63 @@
+"""Errors: what was given, what is allowed, what to try.
+
+One tree: ``except SoftmpcError`` catches all of them, and `InputError` is what a user can mend.
+"""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
+
+__all__ = [
+    "BuildError",
+    "InputError",
+    "ParameterError",
+    "SceneError",
+    "SoftmpcError",
+    "errors_in",
+    "nearest",
+    "unknown_name",
+]
+
+
+class SoftmpcError(Exception):
+    """Any error that softmpc raises on purpose."""
+
+
+class InputError(SoftmpcError, ValueError):
+    """Wrong input; the message says what was given, what is allowed and what to try."""
+
+
+class ParameterError(InputError):
+    """A physical parameter of the wrong type or outside its validity range."""
+
+
+class SceneError(InputError):
+    """A scene, or a scene file, that contradicts itself or has an unknown name."""
+
+
+class BuildError(SoftmpcError):
+    """The scene is valid but cannot run in the way that was asked."""
+
+
+def nearest(name: str, allowed: Iterable[str]) -> str | None:
+    """Return the allowed name closest to ``name``, or None when none is alike."""
+    by_lower = {candidate.lower(): candidate for candidate in allowed}
+    found = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
+    return by_lower[found[0]] if found else None
+
+
+def unknown_name(what: str, name: object, allowed: Iterable[str]) -> str:
+    """Return the message for an unknown ``what``: its nearest allowed name, then all of them."""
+    names = list(allowed)
+    near = nearest(str(name), names)
+    hint = f"did you mean {near!r}? " if near else ""
+    return f"unknown {what}: {name!r}; {hint}allowed: {', '.join(names) or 'none'}"
+
+
+@contextmanager
+def errors_in(where: object) -> Iterator[None]:
+    """Put ``where`` (a file, a table) in front of the message of any `InputError` raised inside."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(f"{where}: {error}") from None

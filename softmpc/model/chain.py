@@ -1,0 +1,240 @@
+"""The chain of segments and its motion, passed from the base to the tip.
+
+Everything is expressed in the frame at the base of the segment it belongs to ("local"), relative
+to the base of the arm, so the first segment costs least and nothing is rotated twice. Quantities
+nobody asks for never enter a CasADi function, so they cost nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from softmpc.model.effects import (
+    BodyLaw,
+    Coriolis,
+    Gravity,
+    Inertia,
+    TipLoad,
+    body_law,
+)
+from softmpc.model.jets import Jet, dot
+from softmpc.model.kinematics import Arc
+from softmpc.model.stumpff import slopes, stumpff, stumpff_jets
+
+if TYPE_CHECKING:
+    from softmpc.model.parameters import Section
+    from softmpc.model.scene import Scene
+
+__all__ = ["STRAINS", "Chain", "Link", "Point", "Segment", "State"]
+
+STRAINS = ("epsilon", "kappa_x", "kappa_y", "kappa_z")
+
+
+@dataclass(frozen=True)
+class State:
+    """Symbols of a motion: strains, rates and accelerations, one SX column each."""
+
+    q: ca.SX
+    dq: ca.SX
+    ddq: ca.SX
+
+
+@dataclass(frozen=True)
+class Segment:
+    """What is constant about a segment: its section, rest length and place in the state."""
+
+    index: int
+    section_index: int
+    section: Section
+    rest: float  # rest length, m
+    states: dict[int, int]  # strain 0…3 -> index in q
+    bodies: tuple[tuple[float, BodyLaw], ...]  # place 0…1 and coefficients
+    viscosity: tuple[float, ...] | None
+
+    def strains(self, column: ca.SX) -> ca.SX:
+        """The four strains (or rates) of this segment; those that are no states are zero."""
+        return ca.vertcat(*(column[self.states[k]] if k in self.states else 0.0 for k in range(4)))
+
+    @property
+    def kinds(self) -> list[int]:
+        """Which of the four strains are states, in order."""
+        return sorted(self.states)
+
+
+class Point:
+    """A point of a segment: the tip of the arc that leads to it, as jets in the local frame.
+
+    `strains` sets how many time derivatives there are. `highest` is the highest Stumpff function
+    needed: 5 at rest, 2 more for each time derivative, 2 more for `columns`. Whoever knows the
+    functions already gives their `values`.
+    """
+
+    def __init__(
+        self, arc: Arc, length: float, strains: Jet, highest: int, values: Any = None
+    ) -> None:
+        self.arc, self.length, self.strains = arc, length, strains
+        self.l = (strains[0] + 1.0) * length
+        self.w = strains[1:4] * self.l
+        self.s = arc.argument(self.w)
+        self.values = stumpff(self.s.terms[0], highest) if values is None else values
+        self.c = stumpff_jets(self.values, self.s)
+        self.p = arc.shape(self.w, self.c) * self.l
+
+    @cached_property
+    def columns(self) -> tuple[Jet, Jet]:
+        """Derivatives of position and orientation with respect to the four strains (3×4 each)."""
+        c, w, l, kappa = self.c, self.w, self.l, self.strains[1:4]
+        shape = self.arc.shape(w, c)
+        on_w = self.arc.shape_columns(w, c, slopes(c))
+        turns = [self.arc.turn(w, ca.DM.eye(3)[:, j], c) for j in range(3)]
+        stretch = shape + sum((on_w[j] * w[j] for j in (1, 2)), on_w[0] * w[0])
+        twist = sum((turns[j] * kappa[j] for j in (1, 2)), turns[0] * kappa[0])
+        area = l * l
+        place = [stretch * self.length, *(column * area for column in on_w)]
+        angle = [twist * self.length, *(column * l for column in turns)]
+        return _side_by_side(place), _side_by_side(angle)
+
+    @cached_property
+    def turn(self) -> Jet:
+        """Angular velocity and acceleration relative to the local frame (one order less)."""
+        return self.arc.turn(self.w, Jet(*self.w.terms[1:]), self.c)
+
+    @cached_property
+    def tangent(self) -> ca.SX:
+        return self.arc.tangent(self.w.terms[0], [c.terms[0] for c in self.c])
+
+    @cached_property
+    def rotation(self) -> ca.SX:
+        return self.arc.rotation(self.w.terms[0], [c.terms[0] for c in self.c])
+
+    def pull(self, force: Any, moment: Any | None) -> tuple[Any, Any]:
+        """Generalised forces on (l, w): the tip's Jacobian transposed, times a wrench."""
+        w, l = self.w.terms[0], self.l.terms[0]
+        c, d = self.values, slopes(self.values)
+        on_l = dot(self.arc.shape(w, c), force)
+        on_w = self.arc.pull_position(w, c, d, force) * l
+        if moment is not None:
+            on_w = on_w + self.arc.pull_rotation(w, c, moment)
+        return on_l, on_w
+
+
+def _side_by_side(columns: list[Any]) -> Jet:
+    jets = [c if isinstance(c, Jet) else Jet(c, *[ca.SX.zeros(3)] * 2) for c in columns]
+    return Jet(*(ca.horzcat(*(jet.terms[n] for jet in jets)) for n in range(3)))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Absolute motion of a frame, in local components (order 0 to 2 as needed)."""
+
+    spin: ca.SX
+    spin_rate: ca.SX
+    velocity: ca.SX
+    acceleration: ca.SX
+
+    def at(self, p: Jet) -> tuple[ca.SX, ca.SX]:
+        """Absolute velocity and acceleration of a point that moves by `p` in this frame."""
+        x, dx, ddx = p.terms
+        swing = ca.cross(self.spin, x)
+        velocity = self.velocity + swing + dx
+        centrifugal = ca.cross(self.spin, swing + 2 * dx)
+        return velocity, self.acceleration + ca.cross(self.spin_rate, x) + centrifugal + ddx
+
+    def turned(self, turn: Jet) -> tuple[ca.SX, ca.SX]:
+        """Absolute angular velocity and acceleration of a frame that turns by `turn` in this."""
+        spin = self.spin + turn.terms[0]
+        return spin, self.spin_rate + turn.terms[1] + ca.cross(self.spin, turn.terms[0])
+
+
+@dataclass(frozen=True)
+class Link:
+    """One segment in motion: its base, its bodies and its tip."""
+
+    segment: Segment
+    motion: Motion
+    gravity: ca.SX  # local components
+    load_force: ca.SX
+    load_moment: ca.SX
+    points: tuple[Point, ...]  # one a body
+    tip: Point
+
+
+class Chain:
+    """The scene's segments, and the recursions over them."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.segments = _segments(scene)
+        self.size = len(self.segments) * len(scene.strains)
+        self.gravity = scene.effect(Gravity)
+        self.load = scene.effect(TipLoad)
+        self.dynamic = scene.effect(Inertia) is not None
+        self.coriolis = scene.effect(Coriolis) is not None
+
+    def forward(self, state: State, columns: bool = False) -> list[Link]:
+        """Motion of every segment; `columns` prepares derivatives with respect to strains."""
+        zero = ca.SX.zeros(3)
+        motion = Motion(zero, zero, zero, zero)
+        gravity = ca.SX(ca.DM(self.gravity.vector)) if self.gravity else zero
+        force = ca.SX(ca.DM(self.load.force)) if self.load else zero
+        moment = ca.SX(ca.DM(self.load.moment)) if self.load else zero
+        links = []
+        for segment in self.segments:
+            link = self._link(segment, state, motion, gravity, force, moment, columns)
+            links.append(link)
+            back = link.tip.rotation.T
+            velocity, acceleration = motion.at(link.tip.p)
+            spin, spin_rate = motion.turned(link.tip.turn)
+            motion = Motion(*(back @ x for x in (spin, spin_rate, velocity, acceleration)))
+            gravity, force, moment = (back @ x for x in (gravity, force, moment))
+        return links
+
+    def _link(
+        self,
+        segment: Segment,
+        state: State,
+        motion: Motion,
+        gravity: ca.SX,
+        force: ca.SX,
+        moment: ca.SX,
+        columns: bool,
+    ) -> Link:
+        strains = Jet(*(segment.strains(x) for x in (state.q, state.dq, state.ddq)))
+        arc = self.scene.kinematics
+
+        def point(place: float) -> Point:
+            return Point(arc, segment.rest * place, strains, 9 if columns else 7)
+
+        tip = point(1.0)
+        points = tuple(tip if place == 1.0 else point(place) for place, _ in segment.bodies)
+        return Link(segment, motion, gravity, force, moment, points, tip)
+
+
+def _segments(scene: Scene) -> list[Segment]:
+    kinds = [STRAINS.index(name) for name in scene.strains]
+    quadrature = scene.formulation.mass.quadrature()
+    segments = []
+    for s, section in enumerate(scene.manipulator.sections):
+        rest = section.length / scene.segments
+        bodies = tuple(
+            (place, body_law(scene.effects, section, share / scene.segments))
+            for place, share in quadrature
+        )
+        viscosity = _viscosity(scene, section, rest)
+        for _ in range(scene.segments):
+            i = len(segments)
+            states = {kind: i * len(kinds) + j for j, kind in enumerate(kinds)}
+            segments.append(Segment(i, s, section, rest, states, bodies, viscosity))
+    return segments
+
+
+def _viscosity(scene: Scene, section: Section, rest: float) -> tuple[float, ...] | None:
+    terms = [e.on_strains(section, rest) for e in scene.effects]
+    present = [t for t in terms if t is not None]
+    return tuple(map(sum, zip(*present, strict=True))) if present else None
+
+

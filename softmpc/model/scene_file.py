@@ -1,0 +1,219 @@
+"""Scene files: a `Scene` read from TOML and written to it."""
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from softmpc.errors import SceneError, errors_in, nearest
+from softmpc.model.actuation import Actuation, HydraulicDrive, PressureDrive, StaticDrive
+from softmpc.model.effects import (
+    Coriolis,
+    Effect,
+    EnvironmentDamping,
+    Gravity,
+    Inertia,
+    MaterialDamping,
+    RotaryInertia,
+    TipLoad,
+)
+from softmpc.model.elasticity import (
+    Elasticity,
+    EnergyElasticity,
+    PrintedElasticity,
+    StrainElasticity,
+)
+from softmpc.model.formulations import Formulation, NewtonEuler, VirtualPower
+from softmpc.model.kinematics import Arc, ConstantStrainArc, PaperArc
+from softmpc.model.manipulator_tables import manipulator_from_dict, manipulator_to_dict
+from softmpc.model.mass import GaussMass, LumpedMass, MassDistribution
+from softmpc.model.scene import MAX_SEGMENTS, SCHEMA_VERSION, STRAINS, Scene
+from softmpc.model.tables import Table
+
+__all__ = [
+    "check_document",
+    "load_scene",
+    "read_document",
+    "save_scene",
+    "scene_from_dict",
+    "scene_to_dict",
+    "write_document",
+]
+
+KINEMATICS: dict[str, Arc] = {arc.name: arc for arc in (ConstantStrainArc(), PaperArc())}
+FORMULATIONS: dict[str, type[Formulation]] = {
+    kind.name: kind for kind in (VirtualPower, NewtonEuler)
+}
+MASSES: dict[str, MassDistribution] = {
+    mass.name: mass for mass in (LumpedMass(), GaussMass(1), GaussMass(2))
+}
+ELASTICITIES: dict[str, Elasticity] = {
+    law.name: law for law in (EnergyElasticity(), StrainElasticity(), PrintedElasticity())
+}
+ACTUATIONS: dict[str, Actuation] = {
+    drive.name: drive for drive in (HydraulicDrive(), StaticDrive(), PressureDrive())
+}
+SWITCHES: tuple[type[Effect], ...] = (
+    Inertia,
+    Coriolis,
+    RotaryInertia,
+    EnvironmentDamping,
+    MaterialDamping,
+)
+TABLES = ("manipulator", "hydraulics", "limits", "model", "effects", "actuation", "load")
+OTHER_TABLES = ("track", "simulate")  # checked by the modules that use them
+ZERO = (0.0, 0.0, 0.0)
+
+T = TypeVar("T")
+
+
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """Return the scene of a TOML file."""
+    document = read_document(path)
+    with errors_in(path):
+        return scene_from_dict(document)
+
+
+def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
+    """Write a scene to a TOML file, every value spelt out."""
+    write_document(scene_to_dict(scene), path)
+
+
+def read_document(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return a whole scene file as parsed, its top level checked."""
+    path = Path(path)
+    try:
+        document = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise SceneError(f"{path}: no such file; {_files_beside(path)}") from None
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{path}: is not UTF-8 text (byte {error.start})") from None
+    except ValueError as error:  # with line and column; also integers too long for Python
+        raise SceneError(f"{path}: is not valid TOML: {error}") from None
+    with errors_in(path):
+        check_document(document)
+    return document
+
+
+def write_document(document: Mapping[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write a TOML file beside its place, then rename: a crash leaves the last good one."""
+    import tomli_w  # here, because reading does not need it
+
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        beside.write_bytes(tomli_w.dumps(document).encode())
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise SceneError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def check_document(document: dict[str, Any]) -> None:
+    """Check the schema version and the names of the tables; `track` and `simulate` stay raw."""
+    top = Table(document, "the scene file")
+    schema = top.raw("schema", SCHEMA_VERSION)
+    if type(schema) is not int or schema != SCHEMA_VERSION:
+        raise top.error("schema", schema, f"{SCHEMA_VERSION}, the only version known here")
+    top.string("title", "")
+    for name in TABLES + OTHER_TABLES:
+        top.table(name)
+    top.finish()
+
+
+def scene_from_dict(document: dict[str, Any]) -> Scene:
+    """Return the scene of a parsed scene file."""
+    check_document(document)
+    top = Table(document, "the scene file")
+    model, actuation = top.table("model"), top.table("actuation")
+    strains = model.strings("strains", STRAINS, allowed=STRAINS)
+    slots: dict[str, Any] = {
+        "manipulator": manipulator_from_dict(document),
+        "segments": model.integer("segments", 1, low=1, high=MAX_SEGMENTS),
+        "kinematics": _pick(model, "kinematics", KINEMATICS, ConstantStrainArc.name),
+        "formulation": _read_formulation(model),
+        "effects": _read_effects(top.table("effects"), strains) + _read_load(top.table("load")),
+        "actuation": _pick(actuation, "kind", ACTUATIONS, HydraulicDrive.name),
+    }
+    model.finish()
+    actuation.finish()
+    return Scene(strains=strains, **slots)
+
+
+def scene_to_dict(scene: Scene) -> dict[str, Any]:
+    """Return a scene as the tables of a scene file; `scene_from_dict` gives an equal scene.
+
+    Unit angles given in radians may move by one rounding, because the file has degrees.
+    """
+    formulation, load = scene.formulation, scene.effect(TipLoad)
+    model = {"segments": scene.segments, "kinematics": scene.kinematics.name}
+    model |= {"formulation": formulation.name, "mass": formulation.mass.name}
+    model |= {"elasticity": formulation.elasticity.name, "strains": list(scene.strains)}
+    document: dict[str, Any] = {"schema": SCHEMA_VERSION, **manipulator_to_dict(scene.manipulator)}
+    document |= {"model": model, "effects": _write_effects(scene)}
+    document["actuation"] = {"kind": scene.actuation.name}
+    if load:
+        document["load"] = {"tip_force": list(load.force), "tip_moment": list(load.moment)}
+    with errors_in("this scene has a part that scene files do not know"):
+        read_back = scene_from_dict(document).with_(manipulator=scene.manipulator)
+    if read_back != scene:
+        raise SceneError("this scene has a part that scene files do not know: save its own code")
+    return document
+
+
+def _pick(table: Table, key: str, options: Mapping[str, T], default: str) -> T:
+    return options[table.string(key, default, options)]
+
+
+def _read_formulation(model: Table) -> Formulation:
+    """Read the formulation and those of its parts that are given."""
+    kind = _pick(model, "formulation", FORMULATIONS, VirtualPower.name)
+    given: dict[str, Any] = {}
+    if "elasticity" in model:
+        given["elasticity"] = ELASTICITIES[model.string("elasticity", allowed=ELASTICITIES)]
+    if "mass" in model:
+        given["mass"] = MASSES[model.string("mass", allowed=MASSES)]
+    if kind is NewtonEuler and given.pop("mass", LumpedMass()) != LumpedMass():
+        wanted = "'lumped' (or left out) with newton-euler: use virtual-power for Gauss points"
+        raise model.error("mass", model.raw("mass"), wanted)
+    return kind(**given)
+
+
+def _read_effects(table: Table, strains: tuple[str, ...]) -> tuple[Effect, ...]:
+    """Read the effects; those of inertia follow ``inertia``, gravity is there only if given."""
+    inertia = table.boolean(Inertia.name, True)
+    defaults = {Coriolis: inertia, RotaryInertia: inertia and "kappa_z" in strains}
+    found: list[Effect] = [
+        kind() for kind in SWITCHES if table.boolean(kind.name, defaults.get(kind, True))
+    ]
+    if Gravity.name in table:
+        found.append(Gravity(table.vector(Gravity.name, 3, unit="m/s²")))
+    table.finish()
+    return tuple(found)
+
+
+def _write_effects(scene: Scene) -> dict[str, Any]:
+    gravity = scene.effect(Gravity)
+    written: dict[str, Any] = {Gravity.name: list(gravity.vector)} if gravity else {}
+    return written | {kind.name: scene.effect(kind) is not None for kind in SWITCHES}
+
+
+def _read_load(table: Table) -> tuple[Effect, ...]:
+    force = table.vector("tip_force", 3, ZERO, unit="N")
+    moment = table.vector("tip_moment", 3, ZERO, unit="N·m")
+    table.finish()
+    return (TipLoad(force, moment),) if "tip_force" in table or "tip_moment" in table else ()
+
+
+def _files_beside(path: Path) -> str:
+    """Say which scene files are in the folder of a missing one."""
+    names = sorted(item.name for item in path.parent.glob("*.toml"))
+    if not names:
+        return f"the folder {path.parent} has no .toml file"
+    near = nearest(path.name, names)
+    hint = f"did you mean {near!r}? " if near else ""
+    shown = ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
+    return f"{hint}scene files there: {shown}"

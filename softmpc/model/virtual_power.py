@@ -1,0 +1,114 @@
+"""The equations of motion by virtual power: one pass out for motion, one pass back for forces.
+
+Each body's force and moment do virtual power on the exact velocities of the arc, so M and ∂N/∂q
+come out symmetric and energy is kept. A segment's rows are the generalised forces on its strains.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from softmpc.model.chain import Chain, Link, Point, State
+from softmpc.model.drive import driving_force, driving_moment
+from softmpc.model.effects import BodyLaw
+
+__all__ = ["body_wrench", "inertia_forces", "strain_forces", "to_strains"]
+
+Wrench = tuple[Any, Any | None]
+
+
+def body_wrench(link: Link, point: Point, law: BodyLaw) -> Wrench:
+    """Force and moment that a body needs (inertia, drag) less what it gets (weight), local."""
+    velocity, acceleration = link.motion.at(point.p)
+    force: Any = ca.SX.zeros(3)
+    if law.mass is not None and law.mass == law.heavy:
+        force = law.mass * (acceleration - link.gravity)
+    elif law.mass is not None:
+        force = law.mass * acceleration
+    elif law.heavy is not None:
+        force = -law.heavy * link.gravity
+    if law.drag is not None:
+        force = force + law.drag * velocity
+    return force, _body_moment(link, point, law) if law.turns else None
+
+
+def _body_moment(link: Link, point: Point, law: BodyLaw) -> Any:
+    spin, spin_rate = link.motion.turned(point.turn)
+    moment: Any = ca.SX.zeros(3)
+    if law.disc is not None:
+        t = point.tangent
+        # A thin disc: I = disc (1 + t tᵀ), and t only turns, so d(Iω)/dt has three terms.
+        gyroscopic = ca.cross(spin, t) * ca.dot(t, spin)
+        moment = law.disc * (spin_rate + gyroscopic + t * ca.dot(t, spin_rate))
+    if law.spin_drag is not None:
+        moment = moment + law.spin_drag * spin
+    return moment
+
+
+def inertia_forces(chain: Chain, links: list[Link]) -> list[tuple[Any, Any]]:
+    """Generalised forces of bodies and tip load on (l, w) of each segment, by recursion."""
+    force, moment = -links[-1].load_force, -links[-1].load_moment  # in the last local frame
+    results = []
+    for link in reversed(links):
+        tip = link.tip
+        if link is not links[-1]:
+            force, moment = tip.rotation @ force, tip.rotation @ moment
+        on_l, on_w = tip.pull(force, moment)
+        moment = moment + ca.cross(tip.p.terms[0], force)
+        for point, (_, law) in zip(link.points, link.segment.bodies, strict=True):
+            f, m = body_wrench(link, point, law)
+            share_l, share_w = point.pull(f, m)
+            place = point.length / link.segment.rest
+            on_l, on_w = on_l + place * share_l, on_w + place * share_w
+            force = force + f
+            moment = moment + ca.cross(point.p.terms[0], f)
+            moment = moment if m is None else moment + m
+        results.append((on_l, on_w))
+    return results[::-1]
+
+
+def resultants(chain: Chain, link: Link, pressures: ca.SX | None) -> tuple[Any, Any]:
+    """Tension and moment in a segment, elastic less driven: they do work on l and w = l k."""
+    segment, section = link.segment, link.segment.section
+    strains = link.tip.strains.terms[0]
+    law = chain.scene.formulation.elasticity
+    tension = law.tension(section, segment.rest, strains[0], strains[1:4])
+    moment = law.moment(section, strains[1:4])
+    if pressures is not None:
+        tension = tension - driving_force(section, pressures)
+        moment = moment - driving_moment(section, pressures)
+    return tension, moment
+
+
+def to_strains(link: Link, on_l: Any, on_w: Any) -> ca.SX:
+    """Generalised forces on (ε, k) from those on (l, w = l k)."""
+    strains = link.tip.strains.terms[0]
+    rest = link.segment.rest
+    rows = ca.vertcat(
+        rest * (on_l + ca.dot(strains[1:4], on_w)), rest * (1 + strains[0]) * on_w
+    )
+    return rows[link.segment.kinds]
+
+
+def strain_forces(chain: Chain, link: Link, state: State) -> ca.SX | None:
+    """Viscous forces on the strains that are states."""
+    viscosity = link.segment.viscosity
+    if viscosity is None:
+        return None
+    rates = link.segment.strains(state.dq)
+    return ca.vertcat(*(viscosity[k] * rates[k] for k in link.segment.kinds))
+
+
+def residual(
+    chain: Chain, links: list[Link], state: State, pressures: list[ca.SX | None]
+) -> ca.SX:
+    """r(q, dq, ddq, P) = M ddq + C dq + N - τ, over all segments; zero along a motion."""
+    rows = []
+    for link, (on_l, on_w) in zip(links, inertia_forces(chain, links), strict=True):
+        tension, moment = resultants(chain, link, pressures[link.segment.section_index])
+        row = to_strains(link, on_l + tension, on_w + moment)
+        viscous = strain_forces(chain, link, state)
+        rows.append(row if viscous is None else row + viscous)
+    return ca.vertcat(*rows)
