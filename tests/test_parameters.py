@@ -88,7 +88,7 @@ def test_ranges_are_wide() -> None:
 @pytest.mark.parametrize(
     ("cls", "given", "message"),
     [
-        (Section, {"length": -0.25}, r"Section\.length = -0\.25 m: must be between 0\.001 and 100 m"),
+        (Section, {"length": -0.25}, r"\.length = -0\.25 m: must be between 0\.001 and 100 m"),
         (Section, {"length": math.nan}, r"Section\.length = nan m"),
         (Section, {"mass": math.inf}, r"Section\.mass = inf kg"),
         (Section, {"mass": 10**400}, r"Section\.mass = inf kg"),

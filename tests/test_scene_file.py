@@ -60,7 +60,9 @@ def test_default_scene() -> None:
 
 def test_one_order_however_given() -> None:
     given = Scene(
-        chen2022(), strains=("kappa_y", "epsilon"), effects=[TipLoad(), Inertia(), Gravity()]  # type: ignore[arg-type]
+        chen2022(),
+        strains=("kappa_y", "epsilon"),
+        effects=[TipLoad(), Inertia(), Gravity()],  # type: ignore[arg-type]
     )
     assert given.strains == ("epsilon", "kappa_y")
     assert given.effects == (Gravity(), Inertia(), TipLoad())
@@ -272,6 +274,7 @@ def test_missing_file(tmp_path: Path) -> None:
     [
         (b"schema = 1\n[model\n", r"scene\.toml: is not valid TOML: .*line 2"),
         (b"segments == 2", "line 1"),
+        (b"title = 'x'\nsegments = [", "at the end of the file, line 2"),
         (b"\xff\xfe", "not UTF-8"),
         (b"[manipulator]\nsection_length = -1", r"scene\.toml: \[manipulator\] section_length"),
     ],

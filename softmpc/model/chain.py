@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 
 from softmpc.model.effects import (
     BodyLaw,
     Coriolis,
+    Effect,
     Gravity,
     Inertia,
     TipLoad,
@@ -32,15 +33,25 @@ if TYPE_CHECKING:
 __all__ = ["STRAINS", "Chain", "Link", "Point", "Segment", "State"]
 
 STRAINS = ("epsilon", "kappa_x", "kappa_y", "kappa_z")
+E = TypeVar("E", bound=Effect)
 
 
 @dataclass(frozen=True)
 class State:
-    """Symbols of a motion: strains, rates and accelerations, one SX column each."""
+    """Symbols of a motion: strains, rates and accelerations, one SX column each.
+
+    Implements Eq. (1): q stacks (ε, kx, ky, kz) of segment 1, 2, … (those that are states).
+    Source: paper section 2.1.
+    """
 
     q: ca.SX
-    dq: ca.SX
-    ddq: ca.SX
+    dq: ca.SX | None = None  # None at rest
+    ddq: ca.SX | None = None  # None where accelerations do not matter
+
+    @property
+    def columns(self) -> list[ca.SX]:
+        """Those that are given."""
+        return [x for x in (self.q, self.dq, self.ddq) if x is not None]
 
 
 @dataclass(frozen=True)
@@ -69,8 +80,8 @@ class Point:
     """A point of a segment: the tip of the arc that leads to it, as jets in the local frame.
 
     `strains` sets how many time derivatives there are. `highest` is the highest Stumpff function
-    needed: 5 at rest, 2 more for each time derivative, 2 more for `columns`. Whoever knows the
-    functions already gives their `values`.
+    needed: 3 for places and 2 more for each time derivative, 5 for `pull`, 2 more than for places
+    for `columns`. Whoever knows the functions already gives their `values`.
     """
 
     def __init__(
@@ -101,6 +112,8 @@ class Point:
     @cached_property
     def turn(self) -> Jet:
         """Angular velocity and acceleration relative to the local frame (one order less)."""
+        if len(self.w.terms) == 1:
+            return Jet()
         return self.arc.turn(self.w, Jet(*self.w.terms[1:]), self.c)
 
     @cached_property
@@ -123,8 +136,14 @@ class Point:
 
 
 def _side_by_side(columns: list[Any]) -> Jet:
-    jets = [c if isinstance(c, Jet) else Jet(c, *[ca.SX.zeros(3)] * 2) for c in columns]
-    return Jet(*(ca.horzcat(*(jet.terms[n] for jet in jets)) for n in range(3)))
+    order = min(len(c.terms) for c in columns if isinstance(c, Jet))
+    jets = [padded(c) if isinstance(c, Jet) else padded(Jet(c)) for c in columns]
+    return Jet(*(ca.horzcat(*(jet[n] for jet in jets)) for n in range(order)))
+
+
+def padded(jet: Jet, shape: tuple[int, int] = (3, 1), length: int = 3) -> tuple[Any, ...]:
+    """The terms of a jet, with zeros for the derivatives it does not carry."""
+    return (*jet.terms, *[ca.SX.zeros(*shape)] * length)[:length]
 
 
 @dataclass(frozen=True)
@@ -138,7 +157,7 @@ class Motion:
 
     def at(self, p: Jet) -> tuple[ca.SX, ca.SX]:
         """Absolute velocity and acceleration of a point that moves by `p` in this frame."""
-        x, dx, ddx = p.terms
+        x, dx, ddx = padded(p)
         swing = ca.cross(self.spin, x)
         velocity = self.velocity + swing + dx
         centrifugal = ca.cross(self.spin, swing + 2 * dx)
@@ -146,8 +165,9 @@ class Motion:
 
     def turned(self, turn: Jet) -> tuple[ca.SX, ca.SX]:
         """Absolute angular velocity and acceleration of a frame that turns by `turn` in this."""
-        spin = self.spin + turn.terms[0]
-        return spin, self.spin_rate + turn.terms[1] + ca.cross(self.spin, turn.terms[0])
+        rate, acceleration = padded(turn, length=2)
+        spin = self.spin + rate
+        return spin, self.spin_rate + acceleration + ca.cross(self.spin, rate)
 
 
 @dataclass(frozen=True)
@@ -166,17 +186,21 @@ class Link:
 class Chain:
     """The scene's segments, and the recursions over them."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, effects: tuple[Effect, ...] | None = None) -> None:
         self.scene = scene
-        self.segments = _segments(scene)
+        self.effects = scene.effects if effects is None else effects
+        self.segments = _segments(scene, self.effects)
         self.size = len(self.segments) * len(scene.strains)
-        self.gravity = scene.effect(Gravity)
-        self.load = scene.effect(TipLoad)
-        self.dynamic = scene.effect(Inertia) is not None
-        self.coriolis = scene.effect(Coriolis) is not None
+        self.gravity = self._find(Gravity)
+        self.load = self._find(TipLoad)
+        self.dynamic = self._find(Inertia) is not None
+        self.coriolis = self._find(Coriolis) is not None
 
-    def forward(self, state: State, columns: bool = False) -> list[Link]:
-        """Motion of every segment; `columns` prepares derivatives with respect to strains."""
+    def _find(self, kind: type[E]) -> E | None:
+        return next((e for e in self.effects if isinstance(e, kind)), None)
+
+    def forward(self, state: State, highest: int | None = None) -> list[Link]:
+        """Motion of every segment; `highest` is for those who need more Stumpff functions."""
         zero = ca.SX.zeros(3)
         motion = Motion(zero, zero, zero, zero)
         gravity = ca.SX(ca.DM(self.gravity.vector)) if self.gravity else zero
@@ -184,7 +208,7 @@ class Chain:
         moment = ca.SX(ca.DM(self.load.moment)) if self.load else zero
         links = []
         for segment in self.segments:
-            link = self._link(segment, state, motion, gravity, force, moment, columns)
+            link = self._link(segment, state, motion, gravity, force, moment, highest)
             links.append(link)
             back = link.tip.rotation.T
             velocity, acceleration = motion.at(link.tip.p)
@@ -201,30 +225,35 @@ class Chain:
         gravity: ca.SX,
         force: ca.SX,
         moment: ca.SX,
-        columns: bool,
+        highest: int | None,
     ) -> Link:
-        strains = Jet(*(segment.strains(x) for x in (state.q, state.dq, state.ddq)))
-        arc = self.scene.kinematics
-
-        def point(place: float) -> Point:
-            return Point(arc, segment.rest * place, strains, 9 if columns else 7)
-
-        tip = point(1.0)
-        points = tuple(tip if place == 1.0 else point(place) for place, _ in segment.bodies)
+        tip = self.point(segment, state, 1.0, highest)
+        points = tuple(
+            tip if place == 1.0 else self.point(segment, state, place, highest)
+            for place, _ in segment.bodies
+        )
         return Link(segment, motion, gravity, force, moment, points, tip)
 
+    def point(
+        self, segment: Segment, state: State, place: float, highest: int | None = None
+    ) -> Point:
+        """The point at `place` (0 base, 1 tip) of a segment."""
+        strains = Jet(*(segment.strains(x) for x in state.columns))
+        highest = max(5, 1 + 2 * len(state.columns)) if highest is None else highest
+        return Point(self.scene.kinematics, segment.rest * place, strains, highest)
 
-def _segments(scene: Scene) -> list[Segment]:
+
+def _segments(scene: Scene, effects: tuple[Effect, ...]) -> list[Segment]:
     kinds = [STRAINS.index(name) for name in scene.strains]
     quadrature = scene.formulation.mass.quadrature()
     segments = []
     for s, section in enumerate(scene.manipulator.sections):
         rest = section.length / scene.segments
         bodies = tuple(
-            (place, body_law(scene.effects, section, share / scene.segments))
+            (place, body_law(effects, section, share / scene.segments))
             for place, share in quadrature
         )
-        viscosity = _viscosity(scene, section, rest)
+        viscosity = _viscosity(effects, section, rest)
         for _ in range(scene.segments):
             i = len(segments)
             states = {kind: i * len(kinds) + j for j, kind in enumerate(kinds)}
@@ -232,8 +261,10 @@ def _segments(scene: Scene) -> list[Segment]:
     return segments
 
 
-def _viscosity(scene: Scene, section: Section, rest: float) -> tuple[float, ...] | None:
-    terms = [e.on_strains(section, rest) for e in scene.effects]
+def _viscosity(
+    effects: tuple[Effect, ...], section: Section, rest: float
+) -> tuple[float, ...] | None:
+    terms = [e.on_strains(section, rest) for e in effects]
     present = [t for t in terms if t is not None]
     return tuple(map(sum, zip(*present, strict=True))) if present else None
 

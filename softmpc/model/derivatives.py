@@ -21,7 +21,7 @@ from typing import Any
 
 import casadi as ca
 
-from softmpc.model.chain import Chain, Link, Point, State
+from softmpc.model.chain import Chain, Link, Point, State, padded
 from softmpc.model.effects import BodyLaw
 from softmpc.model.jets import Jet
 from softmpc.model.stumpff import slopes
@@ -119,7 +119,7 @@ class Own:
 
 def _own(link: Link, point: Point, law: BodyLaw, kinds: list[int]) -> Own:
     spin, turning = link.motion.spin, _turning(link.motion.spin, link.motion.spin_rate)
-    P, V = (_absolute(jet.terms, spin, turning, kinds) for jet in point.columns)
+    P, V = (_absolute(jet, spin, turning, kinds) for jet in point.columns)
     velocity, acceleration = link.motion.at(point.p)
     m, d, heavy = law.mass or 0.0, law.drag or 0.0, law.heavy or 0.0
     none = ca.SX(3, len(kinds))
@@ -156,9 +156,9 @@ def _turning(spin: SX, spin_rate: SX) -> SX:
     return ca.skew(spin_rate) + ca.skew(spin) @ ca.skew(spin)
 
 
-def _absolute(terms: tuple[SX, ...], spin: SX, turning: SX, kinds: list[int]) -> list[SX]:
+def _absolute(terms: Jet, spin: SX, turning: SX, kinds: list[int]) -> list[SX]:
     """Columns that live in a turning frame, and their absolute time derivatives."""
-    x, dx, ddx = (term[:, kinds] for term in terms)
+    x, dx, ddx = (term[:, kinds] for term in padded(terms, (3, 4)))
     omega = ca.skew(spin)
     return [x, dx + omega @ x, ddx + 2 * omega @ dx + turning @ x]
 
@@ -190,7 +190,7 @@ class Screw:
 def _screw(link: Link, frame: Frame, kinds: list[int]) -> Screw:
     motion, tip = link.motion, link.tip
     turning = _turning(motion.spin, motion.spin_rate)
-    P, W = (_absolute(jet.terms, motion.spin, turning, kinds) for jet in tip.columns)
+    P, W = (_absolute(jet, motion.spin, turning, kinds) for jet in tip.columns)
     P, W = [frame.rotation @ x for x in P], [frame.rotation @ x for x in W]
     o, do, ddo = (ca.skew(x) for x in frame.points(link, tip))
     U = [P[0] + o @ W[0]]
@@ -317,9 +317,14 @@ def _held(chain: Chain, link: Link, tip: tuple[SX, SX], pressures: SX | None) ->
 
 
 def differentiate(
-    chain: Chain, links: list[Link], state: State, pressures: list[SX | None]
+    chain: Chain, state: State, pressures: list[SX | None], by_q: bool = True
 ) -> Blocks:
-    """Jacobians of `virtual_power.residual` for a scene that `can_differentiate`."""
+    """Jacobians of `virtual_power.residual` for a scene that `can_differentiate`.
+
+    Without `by_q` its block is meaningless, and the others are cheaper.
+    """
+    order = len(state.columns) - 1
+    links = chain.forward(state, highest=max(5 + 2 * order, 7 if by_q else 5))
     blocks = Blocks(*(ca.SX(chain.size, chain.size) for _ in range(4)))
     frames = _frames(links)
     beyond = _tip_load(links[-1], frames[-1])
@@ -328,7 +333,8 @@ def differentiate(
     for link, frame in zip(reversed(links), reversed(frames), strict=True):
         if link is not links[-1]:
             force, moment = link.tip.rotation @ force, link.tip.rotation @ moment
-        held = _held(chain, link, (force, moment), pressures[link.segment.section_index])
+        own = pressures[link.segment.section_index]
+        held = _held(chain, link, (force, moment), own) if by_q else 0.0
         screw, columns = _segment(blocks, held, link, frame, beyond, links[0].gravity)
         here = [link.segment.states[k] for k in link.segment.kinds]
         for there, _, distal in outer:

@@ -5,7 +5,6 @@ A value that is not given keeps its default: nothing is recomputed behind the us
 ``young_modulus`` usually wants a new ``shear_modulus`` (E/3 for rubber) beside it.
 """
 
-
 from dataclasses import dataclass
 from math import cos, pi, radians, sin
 from typing import Literal

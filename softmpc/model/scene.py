@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 from typing import Any, TypeVar
 
 from softmpc.errors import SceneError, unknown_name
@@ -54,7 +55,7 @@ class Scene:
     actuation: Actuation = field(default_factory=HydraulicDrive)
 
     def __post_init__(self) -> None:
-        _check_segments(self.segments)
+        object.__setattr__(self, "segments", _whole_segments(self.segments))
         _check_slots(self)
         object.__setattr__(self, "strains", _ordered_strains(self.strains))
         effects = default_effects(self.strains) if self.effects is None else self.effects
@@ -70,12 +71,13 @@ class Scene:
         return replace(self, **changes)
 
 
-def _check_segments(segments: Any) -> None:
-    whole = isinstance(segments, int) and not isinstance(segments, bool)
+def _whole_segments(segments: Any) -> int:
+    whole = isinstance(segments, Integral) and not isinstance(segments, bool)
     if not whole or not 1 <= segments <= MAX_SEGMENTS:
         raise SceneError(
             f"Scene.segments = {segments!r}: must be a whole number from 1 to {MAX_SEGMENTS}"
         )
+    return int(segments)
 
 
 def _check_slots(scene: Scene) -> None:

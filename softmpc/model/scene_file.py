@@ -84,15 +84,18 @@ def read_document(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Return a whole scene file as parsed, its top level checked."""
     path = Path(path)
     try:
-        document = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        text = path.read_bytes().decode("utf-8-sig")
+        document = tomllib.loads(text)
     except FileNotFoundError:
         raise SceneError(f"{path}: no such file; {_files_beside(path)}") from None
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise SceneError(f"{path}: is not UTF-8 text (byte {error.start})") from None
-    except ValueError as error:  # with line and column; also integers too long for Python
-        raise SceneError(f"{path}: is not valid TOML: {error}") from None
+    except ValueError as error:  # syntax, with its line; also integers too long for Python
+        end = f"at the end of the file, line {len(text.splitlines())}"
+        reason = str(error).replace("at end of document", end)
+        raise SceneError(f"{path}: is not valid TOML: {reason}") from None
     with errors_in(path):
         check_document(document)
     return document

@@ -22,12 +22,11 @@ class Table:
         if not isinstance(data, dict):
             raise SceneError(f"{where} = {data!r}: must be a table of keys and values")
         self.where = where
-        self.known: list[str] = []
+        self.known: dict[str, None] = {}  # in the order of asking
         self._data = data
 
     def __contains__(self, key: str) -> bool:
-        if key not in self.known:
-            self.known.append(key)
+        self.known[key] = None
         return key in self._data
 
     def raw(self, key: str, default: Any = REQUIRED) -> Any:
@@ -85,11 +84,7 @@ class Table:
         return tuple(value)
 
     def vector(
-        self,
-        key: str,
-        length: int | None = None,
-        default: Iterable[float] = REQUIRED,
-        **allowed: Any,
+        self, key: str, length: int | None = None, default: Any = REQUIRED, **allowed: Any
     ) -> tuple[Any, ...]:
         """Return a list of ``length`` numbers (of any number from one on, when None)."""
         value, span = self.raw(key, default), Range(**allowed)

@@ -69,13 +69,17 @@ def inertia_forces(chain: Chain, links: list[Link]) -> list[tuple[Any, Any]]:
     return results[::-1]
 
 
-def resultants(chain: Chain, link: Link, pressures: ca.SX | None) -> tuple[Any, Any]:
+def resultants(
+    chain: Chain, link: Link, pressures: ca.SX | None, elastic: bool = True
+) -> tuple[Any, Any]:
     """Tension and moment in a segment, elastic less driven: they do work on l and w = l k."""
     segment, section = link.segment, link.segment.section
     strains = link.tip.strains.terms[0]
     law = chain.scene.formulation.elasticity
-    tension = law.tension(section, segment.rest, strains[0], strains[1:4])
-    moment = law.moment(section, strains[1:4])
+    tension, moment = 0.0, ca.SX(3, 1)
+    if elastic:
+        tension = law.tension(section, segment.rest, strains[0], strains[1:4])
+        moment = law.moment(section, strains[1:4])
     if pressures is not None:
         tension = tension - driving_force(section, pressures)
         moment = moment - driving_moment(section, pressures)
@@ -95,19 +99,24 @@ def to_strains(link: Link, on_l: Any, on_w: Any) -> ca.SX:
 def strain_forces(chain: Chain, link: Link, state: State) -> ca.SX | None:
     """Viscous forces on the strains that are states."""
     viscosity = link.segment.viscosity
-    if viscosity is None:
+    if viscosity is None or state.dq is None:
         return None
     rates = link.segment.strains(state.dq)
     return ca.vertcat(*(viscosity[k] * rates[k] for k in link.segment.kinds))
 
 
 def residual(
-    chain: Chain, links: list[Link], state: State, pressures: list[ca.SX | None]
+    chain: Chain,
+    links: list[Link],
+    state: State,
+    pressures: list[ca.SX | None],
+    elastic: bool = True,
 ) -> ca.SX:
     """r(q, dq, ddq, P) = M ddq + C dq + N - τ, over all segments; zero along a motion."""
     rows = []
     for link, (on_l, on_w) in zip(links, inertia_forces(chain, links), strict=True):
-        tension, moment = resultants(chain, link, pressures[link.segment.section_index])
+        own = pressures[link.segment.section_index]
+        tension, moment = resultants(chain, link, own, elastic)
         row = to_strains(link, on_l + tension, on_w + moment)
         viscous = strain_forces(chain, link, state)
         rows.append(row if viscous is None else row + viscous)

@@ -1,0 +1,364 @@
+"""A scene as CasADi functions: what `build` returns.
+
+Functions are made when first used and kept, so a study of the statics never pays for the dynamics.
+All arguments and results are named, in SI, with the shapes given in each docstring: n strains
+(`q`), m unit pressures (`p`, Pa), k inputs (`u`, N·m or Pa), h drive states (`z`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from softmpc.errors import BuildError
+from softmpc.model import newton_euler, virtual_power
+from softmpc.model.chain import Chain, Link, State
+from softmpc.model.derivatives import can_differentiate, differentiate
+from softmpc.model.effects import Effect, TipLoad
+from softmpc.model.formulations import NewtonEuler
+from softmpc.model.hydraulics import DriveMatrices
+from softmpc.model.layout import Layout
+from softmpc.model.scene import Scene
+
+__all__ = ["Model", "build"]
+
+
+def build(scene: Scene) -> Model:
+    """The model of a scene; raises `BuildError` where it cannot be made."""
+    return Model(scene, Chain(scene), scene.actuation.matrices(scene.manipulator))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model:
+    """An arm as CasADi functions. Immutable; make it with `build(scene)`."""
+
+    scene: Scene
+    chain: Chain
+    drive: DriveMatrices
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Names, units and scales of states, inputs and equations."""
+        return Layout.of(self.scene)
+
+    @property
+    def strains(self) -> int:
+        """n, the number of strains."""
+        return self.chain.size
+
+    @property
+    def order(self) -> int:
+        """2 with inertia, 1 for a damped quasi-static arm, 0 where the arm follows at once."""
+        if self.chain.dynamic:
+            return 2
+        return 0 if self.residual.sparsity_jac(1, 0).nnz() == 0 else 1
+
+    # --- symbols -------------------------------------------------------------------------------
+
+    @cached_property
+    def _state(self) -> State:
+        return State(*(ca.SX.sym(name, self.strains) for name in ("q", "dq", "ddq")))
+
+    @cached_property
+    def _rest(self) -> State:
+        return State(self._state.q)
+
+    @cached_property
+    def _p(self) -> ca.SX:
+        return ca.SX.sym("p", self.scene.manipulator.units)
+
+    @cached_property
+    def _pressures(self) -> list[Any]:
+        counts = [section.units for section in self.scene.manipulator.sections]
+        return ca.vertsplit(self._p, [0, *np.cumsum(counts).tolist()])
+
+    @property
+    def _printed(self) -> bool:
+        return isinstance(self.scene.formulation, NewtonEuler)
+
+    def _function(self, name: str, inputs: dict[str, Any], outputs: dict[str, Any]) -> ca.Function:
+        return ca.Function(
+            name, [*inputs.values()], [*outputs.values()], [*inputs], [*outputs], {"cse": True}
+        )
+
+    @property
+    def _symbols(self) -> dict[str, Any]:
+        s = self._state
+        return {"q": s.q, "dq": s.dq, "ddq": s.ddq, "p": self._p}
+
+    # --- equations of motion -------------------------------------------------------------------
+
+    @cached_property
+    def _balance(self) -> newton_euler.Balance:
+        return newton_euler.equations(self.chain, self._state, self._pressures)
+
+    def _residual_at(self, state: State) -> ca.SX:
+        if self._printed:
+            b = self._balance
+            r = b.M @ self._state.ddq + b.C @ self._state.dq + b.N - b.tau
+            if state is self._state:
+                return r
+            rates = ca.vertcat(self._state.dq, self._state.ddq)
+            return ca.substitute(r, rates, ca.SX.zeros(2 * self.strains))
+        links = self.chain.forward(state)
+        return virtual_power.residual(self.chain, links, state, self._pressures)
+
+    @cached_property
+    def residual(self) -> ca.Function:
+        """r(q, dq, ddq, p) = M ddq + C dq + N - τ (n), zero along a motion."""
+        return self._function("residual", self._symbols, {"r": self._residual_at(self._state)})
+
+    @cached_property
+    def residual_jacobian(self) -> ca.Function:
+        """(q, dq, ddq, p) -> ∂r/∂q, ∂r/∂dq, ∂r/∂ddq (n×n) and ∂r/∂p (n×m)."""
+        r = self._residual_at(self._state)
+        if not self._printed and can_differentiate(self.chain):
+            b = differentiate(self.chain, self._state, self._pressures)
+            blocks = [b.by_q, b.by_dq, b.by_ddq]
+        else:
+            s = self._state
+            blocks = [ca.sparsify(ca.jacobian(r, x)) for x in (s.q, s.dq, s.ddq)]
+        blocks.append(ca.jacobian(r, self._p))
+        names = ("by_q", "by_dq", "by_ddq", "by_p")
+        return self._function("residual_jacobian", self._symbols, dict(zip(names, blocks, strict=True)))
+
+    @cached_property
+    def M(self) -> ca.Function:
+        """Inertia matrix M(q) (n×n); empty of nonzeros without inertia."""
+        if self._printed:
+            matrix = self._balance.M
+        elif can_differentiate(self.chain):
+            matrix = differentiate(self.chain, self._rest, self._pressures, by_q=False).by_ddq
+        else:
+            matrix = ca.jacobian(self._residual_at(self._state), self._state.ddq)
+        return self._function("M", {"q": self._state.q}, {"M": ca.sparsify(matrix)})
+
+    @cached_property
+    def C(self) -> ca.Function:
+        """Coriolis and damping matrix C(q, dq) (n×n); Ṁ - 2C is skew but for damping."""
+        s = self._state
+        if self._printed:
+            matrix = self._balance.C
+        elif can_differentiate(self.chain):
+            steady = State(s.q, s.dq)
+            matrix = differentiate(self.chain, steady, self._pressures, by_q=False).coriolis
+        else:
+            matrix = ca.jacobian(self._residual_at(s), s.dq)
+        return self._function("C", {"q": s.q, "dq": s.dq}, {"C": ca.sparsify(matrix)})
+
+    @cached_property
+    def N(self) -> ca.Function:
+        """Elastic forces less weight, N(q) (n)."""
+        vector = self._balance.N if self._printed else self._position_forces(None)
+        return self._function("N", {"q": self._state.q}, {"N": vector})
+
+    @cached_property
+    def tau(self) -> ca.Function:
+        """Drive and load, τ(q, p) (n)."""
+        vector = self._balance.tau if self._printed else self._input_forces(None)
+        return self._function("tau", {"q": self._state.q, "p": self._p}, {"tau": vector})
+
+    @cached_property
+    def equations(self) -> ca.Function:
+        """(q, dq, p) -> M, C, N, τ of (26) in one pass, cheaper than one by one."""
+        s = self._state
+        if self._printed or not can_differentiate(self.chain):
+            terms = [self.M(s.q), self.C(s.q, s.dq), self.N(s.q), self.tau(s.q, self._p)]
+        else:
+            b = differentiate(self.chain, State(s.q, s.dq), self._pressures, by_q=False)
+            highest = 7  # the same Stumpff functions as the derivatives use
+            rest = [self._position_forces(highest), self._input_forces(highest)]
+            terms = [b.by_ddq, b.coriolis, *rest]
+        outputs = dict(zip(("M", "C", "N", "tau"), terms, strict=True))
+        return self._function("equations", {"q": s.q, "dq": s.dq, "p": self._p}, outputs)
+
+    def _position_forces(self, highest: int | None) -> ca.SX:
+        none = [None] * len(self._pressures)
+        return self._part(lambda e: not isinstance(e, TipLoad), none, True, highest)
+
+    def _input_forces(self, highest: int | None) -> ca.SX:
+        return -self._part(lambda e: isinstance(e, TipLoad), self._pressures, False, highest)
+
+    def _part(
+        self, keep: Callable[[Effect], bool], pressures: list[Any], elastic: bool, highest: int | None
+    ) -> ca.SX:
+        """The residual at rest of only some effects."""
+        chain = Chain(self.scene, tuple(e for e in self.scene.effects if keep(e)))
+        links = chain.forward(self._rest, highest)
+        return virtual_power.residual(chain, links, self._rest, pressures, elastic)
+
+    # --- at rest -------------------------------------------------------------------------------
+
+    @cached_property
+    def balance(self) -> ca.Function:
+        """r(q, p) = N - τ (n): the residual at rest."""
+        symbols = {"q": self._state.q, "p": self._p}
+        return self._function("balance", symbols, {"r": self._residual_at(self._rest)})
+
+    @cached_property
+    def stiffness(self) -> ca.Function:
+        """(q, p) -> tangent stiffness ∂(N - τ)/∂q (n×n), and ∂(N - τ)/∂p (n×m)."""
+        r = self._residual_at(self._rest)
+        if self._printed:
+            K = ca.sparsify(ca.jacobian(r, self._state.q))
+        else:
+            chain = Chain(self.scene, tuple(e for e in self.scene.effects if not _in_motion(e)))
+            K = differentiate(chain, self._rest, self._pressures).by_q
+        symbols = {"q": self._state.q, "p": self._p}
+        return self._function("stiffness", symbols, {"K": K, "by_p": ca.jacobian(r, self._p)})
+
+    # --- motion --------------------------------------------------------------------------------
+
+    @cached_property
+    def massless(self) -> tuple[str, ...]:
+        """Names of strains without mass: M is singular in their directions."""
+        if not self.chain.dynamic:
+            return ()
+        scale = self.layout.q.scale
+        generic = np.random.default_rng(1).uniform(-1, 1, self.strains) * scale
+        empty = [_null_space(np.asarray(self.M(q)) * np.outer(scale, scale)) for q in (0, generic)]
+        heavy = np.abs(np.hstack(empty)).max(axis=1, initial=0.0) > 0.1
+        return tuple(n for n, h in zip(self.layout.q.names, heavy, strict=True) if h)
+
+    def require_mass(self, what: str) -> None:
+        """Raise `BuildError` if `what` cannot run because M is singular or absent."""
+        if not self.chain.dynamic:
+            raise BuildError(f"{what} needs the effect 'inertia': this scene is quasi-static")
+        if self.massless:
+            raise BuildError(
+                f"{what} needs an invertible M, but these strains have no mass: "
+                f"{', '.join(self.massless)}; add the effect 'rotary_inertia', take Gauss mass "
+                "instead of lumped, or leave the strains out"
+            )
+
+    @cached_property
+    def forward_dynamics(self) -> ca.Function:
+        """ddq(q, dq, p) (n)."""
+        self.require_mass("forward dynamics")
+        names = ("q", "dq", "p")
+        x = {name: ca.MX.sym(name, self._symbols[name].shape[0]) for name in names}
+        bias = self.residual(x["q"], x["dq"], 0, x["p"])
+        ddq = ca.solve(self.M(x["q"]), -bias, "qr")
+        return ca.Function("forward_dynamics", [*x.values()], [ddq], [*x], ["ddq"])
+
+    @cached_property
+    def x_dot(self) -> ca.Function:
+        """State-space model dx/dt(x, u) with x = (q, dq, z): the arm and its drive."""
+        n, h = self.strains, len(self.drive.A)
+        x, u = ca.MX.sym("x", 2 * n + h), ca.MX.sym("u", self.drive.D.shape[1])
+        q, dq, z = ca.vertsplit(x, [0, n, 2 * n, 2 * n + h])
+        ddq = self.forward_dynamics(q, dq, self.pressures(z, u))
+        dz = _times(self.drive.A, z) + _times(self.drive.B, u) if h else ca.MX(0, 1)
+        return ca.Function("x_dot", [x, u], [ca.vertcat(dq, ddq, dz)], ["x", "u"], ["x_dot"])
+
+    def pressures(self, z: Any, u: Any) -> Any:
+        """Unit pressures P = C z + D u (Pa), of CasADi expressions."""
+        parts = [_times(G, v) for G, v in ((self.drive.C, z), (self.drive.D, u)) if np.any(G)]
+        return sum(parts[1:], parts[0])
+
+    # --- places --------------------------------------------------------------------------------
+
+    def _poses(self, state: State) -> list[tuple[Any, Any, Link]]:
+        """World place and orientation of each segment's base."""
+        place, rotation = ca.SX(3, 1), ca.SX.eye(3)
+        poses = []
+        for link in self.chain.forward(state):
+            poses.append((place, rotation, link))
+            place = place + rotation @ link.tip.p.terms[0]
+            rotation = rotation @ link.tip.rotation
+        poses.append((place, rotation, poses[-1][2]))
+        return poses
+
+    @cached_property
+    def frames(self) -> ca.Function:
+        """q -> section tips (3×S, m, base frame), and their rotations side by side (3×3S)."""
+        poses = self._poses(self._rest)[self.scene.segments :: self.scene.segments]
+        outputs = {
+            "tips": ca.densify(ca.horzcat(*(place for place, _, _ in poses))),
+            "rotations": ca.densify(ca.horzcat(*(rotation for _, rotation, _ in poses))),
+        }
+        return self._function("frames", {"q": self._state.q}, outputs)
+
+    @cached_property
+    def tip(self) -> ca.Function:
+        """q -> place of the arm's tip (3, m, base frame)."""
+        place = ca.densify(self._poses(self._rest)[-1][0])
+        return self._function("tip", {"q": self._state.q}, {"tip": place})
+
+    @cached_property
+    def tip_jacobian(self) -> ca.Function:
+        """q -> ∂(section tips)/∂q, section after section (3S×n)."""
+        poses = self._poses(self._rest)[self.scene.segments :: self.scene.segments]
+        places = ca.vertcat(*(place for place, _, _ in poses))
+        outputs = {"J": ca.jacobian(places, self._state.q)}
+        return self._function("tip_jacobian", {"q": self._state.q}, outputs)
+
+    @cached_property
+    def centerline(self) -> ca.Function:
+        """q -> points along the arm (3×(10 a segment + 1)), for pictures."""
+        points = [ca.SX.zeros(3)]
+        for place, rotation, link in self._poses(self._rest)[:-1]:
+            for step in range(1, 11):
+                point = self.chain.point(link.segment, self._rest, step / 10)
+                points.append(place + rotation @ point.p.terms[0])
+        return self._function("centerline", {"q": self._state.q}, {"points": ca.horzcat(*points)})
+
+    @cached_property
+    def energies(self) -> ca.Function:
+        """(q, dq) -> energies in J by name: kinetic, gravity, elastic, load, those that exist."""
+        from softmpc.model.energy import energies
+
+        outputs = energies(self.chain, self._poses(self._state))
+        return self._function("energies", {"q": self._state.q, "dq": self._state.dq}, outputs)
+
+    @cached_property
+    def powers(self) -> ca.Function:
+        """(q, dq, p) -> power put in, in W by name: drive and damping, those that exist."""
+        from softmpc.model.energy import powers
+
+        inputs = {"q": self._state.q, "dq": self._state.dq, "p": self._p}
+        poses = self._poses(self._state)
+        return self._function("powers", inputs, powers(self.chain, poses, self._state, self._pressures))
+
+    # --- for people ----------------------------------------------------------------------------
+
+    def instructions(self) -> dict[str, int]:
+        """Instruction counts of the functions a scene needs, by name."""
+        names = ["residual", "residual_jacobian", "M", "C", "N", "tau", "equations", "balance", "stiffness", "frames"]
+        return {name: getattr(self, name).n_instructions() for name in names}
+
+    def __repr__(self) -> str:
+        scene, layout = self.scene, self.layout
+        effects = ", ".join(e.name for e in scene.effects) or "none"
+        counts = ", ".join(f"{k} {v}" for k, v in self.instructions().items())
+        return (
+            f"Model of {scene.manipulator.name}: {len(scene.manipulator.sections)} sections × "
+            f"{scene.segments} segments, {scene.formulation.name}, {scene.formulation.mass.name}, "
+            f"{scene.kinematics.name}\n"
+            f"  states   {len(layout.x.names)}: {self.strains} strains ({', '.join(scene.strains)})"
+            f"{', their rates' if self.order == 2 else ''}"
+            f"{f', {len(layout.z.names)} of the drive' if layout.z.names else ''}\n"
+            f"  inputs   {len(layout.u.names)} × {scene.actuation.input} ({scene.actuation.name})\n"
+            f"  effects  {effects}\n"
+            f"  instructions  {counts}"
+            + (f"\n  without mass  {', '.join(self.massless)}" if self.massless else "")
+        )
+
+
+def _null_space(matrix: np.ndarray) -> np.ndarray:
+    _, values, vectors = np.linalg.svd(matrix)
+    return vectors[values < 1e-11 * values.max()].T
+
+
+def _in_motion(effect: Any) -> bool:
+    """Whether an effect is nothing at rest."""
+    return effect.name not in ("gravity", "tip_load")
+
+
+def _times(matrix: np.ndarray, vector: Any) -> Any:
+    return ca.mtimes(ca.sparsify(ca.DM(matrix)), vector)

@@ -1,0 +1,1 @@
+"""What people see: plots, animations, tables. Imported by `cli` and examples only."""
