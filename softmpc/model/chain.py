@@ -45,8 +45,8 @@ class State:
     """
 
     q: ca.SX
-    dq: ca.SX | None = None  # None at rest
-    ddq: ca.SX | None = None  # None where accelerations do not matter
+    dq: Any = None  # SX; None at rest
+    ddq: Any = None  # SX; None where accelerations do not matter
 
     @property
     def columns(self) -> list[ca.SX]:
@@ -246,7 +246,7 @@ class Chain:
 def _segments(scene: Scene, effects: tuple[Effect, ...]) -> list[Segment]:
     kinds = [STRAINS.index(name) for name in scene.strains]
     quadrature = scene.formulation.mass.quadrature()
-    segments = []
+    segments: list[Segment] = []
     for s, section in enumerate(scene.manipulator.sections):
         rest = section.length / scene.segments
         bodies = tuple(
@@ -267,5 +267,3 @@ def _viscosity(
     terms = [e.on_strains(section, rest) for e in effects]
     present = [t for t in terms if t is not None]
     return tuple(map(sum, zip(*present, strict=True))) if present else None
-
-

@@ -70,7 +70,7 @@ def powers(chain: Chain, poses: Poses, state: State, pressures: list[Any]) -> di
         for point, (_, law) in zip(link.points, segment.bodies, strict=True):
             _add(terms, "environment_damping", _drag(link, point, law))
     if chain.load is not None and any(chain.load.moment):
-        place, rotation, link = poses[-2]
+        link = poses[-2][2]
         spin, _ = link.motion.turned(link.tip.turn)
         velocity, _ = link.motion.at(link.tip.p)
         terms["load"] = ca.dot(link.load_force, velocity) + ca.dot(link.load_moment, spin)

@@ -58,9 +58,7 @@ def piston_mobility(hydraulics: Hydraulics) -> Array:
     Implements Eq. (32): F_b = m_b ẍ + f + P_c A_c + d_v ẋ. Source: paper section 2.3.
     """
     m = hydraulics.piston_mass
-    return np.array(
-        [1 / m, -hydraulics.piston_damping / m, -hydraulics.piston_area / m, -1 / m]
-    )
+    return np.array([1 / m, -hydraulics.piston_damping / m, -hydraulics.piston_area / m, -1 / m])
 
 
 def tube_conductance(hydraulics: Hydraulics) -> float:

@@ -24,7 +24,7 @@ class Jet:
     def __init__(self, *terms: Any) -> None:
         self.terms = terms
 
-    def __getitem__(self, index: int) -> Jet:
+    def __getitem__(self, index: int | slice) -> Jet:
         return Jet(*(term[index] for term in self.terms))
 
     def __add__(self, other: Any) -> Jet:

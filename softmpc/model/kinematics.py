@@ -116,10 +116,10 @@ class ConstantStrainArc(Arc):
 class PaperArc(Arc):
     """The paper's arc: bends in a plane first, twists its tip after.
 
-    Implements Eq. (3): R = Rz(φ) Ry(θ) Rz(τ - φ) and p = (l/θ) [cφ(1-cθ), sφ(1-cθ), sθ].
+    Implements Eqs. (3), (4): R = Rz(φ) Ry(θ) Rz(τ - φ) and p = (l/θ) [cφ(1-cθ), sφ(1-cθ), sθ].
     Here without φ and θ, which are singular on the straight arm: with b = [w_x, w_y, 0] and
     s = |b|² = θ² it is R = exp(skew(b)) Rz(w_z) and p = l (c_1 e_z + c_2 b × e_z).
-    Source: paper section 2.1; (4) are its abbreviations for sines and cosines.
+    Source: paper section 2.1, where (4) abbreviates the sines and cosines.
     """
 
     name: ClassVar[str] = "paper-arc"

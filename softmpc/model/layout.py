@@ -54,7 +54,7 @@ class Layout:
 
     @classmethod
     def of(cls, scene: Scene) -> Layout:
-        """Sizes follow from the arm: full pressure sets the strains, stiffness and mass the rates."""
+        """Scales from the arm: full pressure sets the strains, stiffness and mass the rates."""
         arm, drive = scene.manipulator, scene.actuation
         names, units, strain, rate, rows = [], [], [], [], []
         for s, section in enumerate(arm.sections):
@@ -71,7 +71,9 @@ class Layout:
                     units.append(UNITS[kind])
                     strain.append(size)
                     rate.append(size * pace)
-                    stiff = section.axial_stiffness if kind == "epsilon" else section.bending_stiffness
+                    stiff = (
+                        section.axial_stiffness if kind == "epsilon" else section.bending_stiffness
+                    )
                     rows.append(rest * stiff * size)
         q, dq = np.array(strain), np.array(rate)
         count = range(1, arm.units + 1)
@@ -90,7 +92,9 @@ class Layout:
             z=_column(z),
             u=_column([(f"{letter}_{j}", unit, size) for j in count]),
             p=_column([(f"P_{j}", "Pa", pressure) for j in count]),
-            r=Variables(tuple(f"balance of {n}" for n in names), ("",) * len(names), np.array(rows)),
+            r=Variables(
+                tuple(f"balance of {n}" for n in names), ("",) * len(names), np.array(rows)
+            ),
         )
 
 

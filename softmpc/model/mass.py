@@ -16,7 +16,10 @@ __all__ = ["GaussMass", "LumpedMass", "MassDistribution"]
 class MassDistribution(ABC):
     """Quadrature of everything that is spread along a segment (mass, weight, drag)."""
 
-    name: ClassVar[str] | str
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name in scene files."""
 
     @abstractmethod
     def quadrature(self) -> list[tuple[float, float]]:
@@ -47,11 +50,9 @@ class GaussMass(MassDistribution):
             )
 
     @property
-    def name(self) -> str:  # type: ignore[override]
+    def name(self) -> str:
         return f"gauss-{self.points}"
 
     def quadrature(self) -> list[tuple[float, float]]:
         nodes, weights = np.polynomial.legendre.leggauss(self.points)
-        return [
-            (float(0.5 + 0.5 * x), float(0.5 * w)) for x, w in zip(nodes, weights, strict=True)
-        ]
+        return [(float(0.5 + 0.5 * x), float(0.5 * w)) for x, w in zip(nodes, weights, strict=True)]

@@ -18,11 +18,12 @@ import numpy as np
 from softmpc.errors import BuildError
 from softmpc.model import newton_euler, virtual_power
 from softmpc.model.chain import Chain, Link, State
-from softmpc.model.derivatives import can_differentiate, differentiate
-from softmpc.model.effects import Effect, TipLoad
+from softmpc.model.derivatives import Blocks, can_differentiate, differentiate
+from softmpc.model.effects import Coriolis, Effect, Gravity, Inertia, RotaryInertia, TipLoad
 from softmpc.model.formulations import NewtonEuler
 from softmpc.model.hydraulics import DriveMatrices
 from softmpc.model.layout import Layout
+from softmpc.model.report import COUNTED, describe, massless_strains
 from softmpc.model.scene import Scene
 
 __all__ = ["Model", "build"]
@@ -105,8 +106,24 @@ class Model:
                 return r
             rates = ca.vertcat(self._state.dq, self._state.ddq)
             return ca.substitute(r, rates, ca.SX.zeros(2 * self.strains))
-        links = self.chain.forward(state)
-        return virtual_power.residual(self.chain, links, state, self._pressures)
+        if state.ddq is None or can_differentiate(self.chain):
+            links = self.chain.forward(state)
+            return virtual_power.residual(self.chain, links, state, self._pressures)
+        # Without Coriolis terms: accelerations as in a start from rest, drag at the rates.
+        links = self.chain.forward(self._start, highest=7)
+        drags = self._damping.forward(State(state.q, state.dq), highest=7)
+        return virtual_power.residual(self.chain, links, state, self._pressures, drags=drags)
+
+    @cached_property
+    def _start(self) -> State:
+        """The state with accelerations but no rates."""
+        return State(self._state.q, ca.SX.zeros(self.strains), self._state.ddq)
+
+    @cached_property
+    def _damping(self) -> Chain:
+        """The chain with only those effects that act by rates alone."""
+        others = (Gravity, Inertia, Coriolis, RotaryInertia, TipLoad)
+        return Chain(self.scene, tuple(e for e in self.scene.effects if not isinstance(e, others)))
 
     @cached_property
     def residual(self) -> ca.Function:
@@ -117,38 +134,37 @@ class Model:
     def residual_jacobian(self) -> ca.Function:
         """(q, dq, ddq, p) -> ∂r/∂q, ∂r/∂dq, ∂r/∂ddq (n×n) and ∂r/∂p (n×m)."""
         r = self._residual_at(self._state)
-        if not self._printed and can_differentiate(self.chain):
-            b = differentiate(self.chain, self._state, self._pressures)
+        s = self._state
+        if self._printed:
+            blocks = [ca.sparsify(ca.jacobian(r, x)) for x in (s.q, s.dq, s.ddq)]
+        elif can_differentiate(self.chain):
+            b = differentiate(self.chain, s, self._pressures)
             blocks = [b.by_q, b.by_dq, b.by_ddq]
         else:
-            s = self._state
-            blocks = [ca.sparsify(ca.jacobian(r, x)) for x in (s.q, s.dq, s.ddq)]
+            b = differentiate(self.chain, self._start, self._pressures)
+            none = [None] * len(self._pressures)
+            d = differentiate(self._damping, State(s.q, s.dq), none, elastic=False)
+            blocks = [b.by_q + d.by_q, d.by_dq, b.by_ddq]
         blocks.append(ca.jacobian(r, self._p))
         names = ("by_q", "by_dq", "by_ddq", "by_p")
-        return self._function("residual_jacobian", self._symbols, dict(zip(names, blocks, strict=True)))
+        return self._function(
+            "residual_jacobian", self._symbols, dict(zip(names, blocks, strict=True))
+        )
 
     @cached_property
     def M(self) -> ca.Function:
         """Inertia matrix M(q) (n×n); empty of nonzeros without inertia."""
         if self._printed:
             matrix = self._balance.M
-        elif can_differentiate(self.chain):
-            matrix = differentiate(self.chain, self._rest, self._pressures, by_q=False).by_ddq
         else:
-            matrix = ca.jacobian(self._residual_at(self._state), self._state.ddq)
+            matrix = differentiate(self.chain, self._rest, self._pressures, by_q=False).by_ddq
         return self._function("M", {"q": self._state.q}, {"M": ca.sparsify(matrix)})
 
     @cached_property
     def C(self) -> ca.Function:
         """Coriolis and damping matrix C(q, dq) (n×n); Ṁ - 2C is skew but for damping."""
         s = self._state
-        if self._printed:
-            matrix = self._balance.C
-        elif can_differentiate(self.chain):
-            steady = State(s.q, s.dq)
-            matrix = differentiate(self.chain, steady, self._pressures, by_q=False).coriolis
-        else:
-            matrix = ca.jacobian(self._residual_at(s), s.dq)
+        matrix = self._balance.C if self._printed else self._by_rates(State(s.q, s.dq)).coriolis
         return self._function("C", {"q": s.q, "dq": s.dq}, {"C": ca.sparsify(matrix)})
 
     @cached_property
@@ -163,17 +179,23 @@ class Model:
         vector = self._balance.tau if self._printed else self._input_forces(None)
         return self._function("tau", {"q": self._state.q, "p": self._p}, {"tau": vector})
 
+    def _by_rates(self, steady: State) -> Blocks:
+        """Derivatives of what depends on the rates."""
+        chain = self.chain if can_differentiate(self.chain) else self._damping
+        return differentiate(chain, steady, self._pressures, by_q=False)
+
     @cached_property
     def equations(self) -> ca.Function:
         """(q, dq, p) -> M, C, N, τ of (26) in one pass, cheaper than one by one."""
         s = self._state
-        if self._printed or not can_differentiate(self.chain):
+        if self._printed:
             terms = [self.M(s.q), self.C(s.q, s.dq), self.N(s.q), self.tau(s.q, self._p)]
         else:
-            b = differentiate(self.chain, State(s.q, s.dq), self._pressures, by_q=False)
+            steady = State(s.q, s.dq)
+            inertia = differentiate(self.chain, steady, self._pressures, by_q=False).by_ddq
             highest = 7  # the same Stumpff functions as the derivatives use
             rest = [self._position_forces(highest), self._input_forces(highest)]
-            terms = [b.by_ddq, b.coriolis, *rest]
+            terms = [inertia, self._by_rates(steady).coriolis, *rest]
         outputs = dict(zip(("M", "C", "N", "tau"), terms, strict=True))
         return self._function("equations", {"q": s.q, "dq": s.dq, "p": self._p}, outputs)
 
@@ -185,7 +207,11 @@ class Model:
         return -self._part(lambda e: isinstance(e, TipLoad), self._pressures, False, highest)
 
     def _part(
-        self, keep: Callable[[Effect], bool], pressures: list[Any], elastic: bool, highest: int | None
+        self,
+        keep: Callable[[Effect], bool],
+        pressures: list[Any],
+        elastic: bool,
+        highest: int | None,
     ) -> ca.SX:
         """The residual at rest of only some effects."""
         chain = Chain(self.scene, tuple(e for e in self.scene.effects if keep(e)))
@@ -217,13 +243,7 @@ class Model:
     @cached_property
     def massless(self) -> tuple[str, ...]:
         """Names of strains without mass: M is singular in their directions."""
-        if not self.chain.dynamic:
-            return ()
-        scale = self.layout.q.scale
-        generic = np.random.default_rng(1).uniform(-1, 1, self.strains) * scale
-        empty = [_null_space(np.asarray(self.M(q)) * np.outer(scale, scale)) for q in (0, generic)]
-        heavy = np.abs(np.hstack(empty)).max(axis=1, initial=0.0) > 0.1
-        return tuple(n for n, h in zip(self.layout.q.names, heavy, strict=True) if h)
+        return massless_strains(self)
 
     def require_mass(self, what: str) -> None:
         """Raise `BuildError` if `what` cannot run because M is singular or absent."""
@@ -260,6 +280,14 @@ class Model:
         """Unit pressures P = C z + D u (Pa), of CasADi expressions."""
         parts = [_times(G, v) for G, v in ((self.drive.C, z), (self.drive.D, u)) if np.any(G)]
         return sum(parts[1:], parts[0])
+
+    @property
+    def static_gain(self) -> np.ndarray:
+        """Unit pressures at rest over inputs (m×k)."""
+        drive = self.drive
+        if len(drive.A) == 0:
+            return drive.D
+        return drive.D - drive.C @ np.linalg.solve(drive.A, drive.B)
 
     # --- places --------------------------------------------------------------------------------
 
@@ -323,36 +351,18 @@ class Model:
 
         inputs = {"q": self._state.q, "dq": self._state.dq, "p": self._p}
         poses = self._poses(self._state)
-        return self._function("powers", inputs, powers(self.chain, poses, self._state, self._pressures))
+        return self._function(
+            "powers", inputs, powers(self.chain, poses, self._state, self._pressures)
+        )
 
     # --- for people ----------------------------------------------------------------------------
 
     def instructions(self) -> dict[str, int]:
         """Instruction counts of the functions a scene needs, by name."""
-        names = ["residual", "residual_jacobian", "M", "C", "N", "tau", "equations", "balance", "stiffness", "frames"]
-        return {name: getattr(self, name).n_instructions() for name in names}
+        return {name: getattr(self, name).n_instructions() for name in COUNTED}
 
     def __repr__(self) -> str:
-        scene, layout = self.scene, self.layout
-        effects = ", ".join(e.name for e in scene.effects) or "none"
-        counts = ", ".join(f"{k} {v}" for k, v in self.instructions().items())
-        return (
-            f"Model of {scene.manipulator.name}: {len(scene.manipulator.sections)} sections × "
-            f"{scene.segments} segments, {scene.formulation.name}, {scene.formulation.mass.name}, "
-            f"{scene.kinematics.name}\n"
-            f"  states   {len(layout.x.names)}: {self.strains} strains ({', '.join(scene.strains)})"
-            f"{', their rates' if self.order == 2 else ''}"
-            f"{f', {len(layout.z.names)} of the drive' if layout.z.names else ''}\n"
-            f"  inputs   {len(layout.u.names)} × {scene.actuation.input} ({scene.actuation.name})\n"
-            f"  effects  {effects}\n"
-            f"  instructions  {counts}"
-            + (f"\n  without mass  {', '.join(self.massless)}" if self.massless else "")
-        )
-
-
-def _null_space(matrix: np.ndarray) -> np.ndarray:
-    _, values, vectors = np.linalg.svd(matrix)
-    return vectors[values < 1e-11 * values.max()].T
+        return describe(self)
 
 
 def _in_motion(effect: Any) -> bool:

@@ -19,8 +19,8 @@ __all__ = ["slopes", "stumpff", "stumpff_jets"]
 # Below the switch: power series of the two highest functions, then the recurrence downwards.
 # Above it: sine and cosine, then the recurrence upwards, which loses few digits once s is this
 # large. The series is long enough for fourth derivatives at the switch (tests/test_stumpff.py).
-SWITCH = 6.0
-TERMS = 13
+SWITCH = 10.0
+TERMS = 14
 
 
 def stumpff(s: Any, highest: int) -> list[Any]:

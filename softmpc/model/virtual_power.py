@@ -14,7 +14,14 @@ from softmpc.model.chain import Chain, Link, Point, State
 from softmpc.model.drive import driving_force, driving_moment
 from softmpc.model.effects import BodyLaw
 
-__all__ = ["body_wrench", "inertia_forces", "strain_forces", "to_strains"]
+__all__ = [
+    "body_wrench",
+    "inertia_forces",
+    "residual",
+    "resultants",
+    "strain_forces",
+    "to_strains",
+]
 
 Wrench = tuple[Any, Any | None]
 
@@ -47,18 +54,23 @@ def _body_moment(link: Link, point: Point, law: BodyLaw) -> Any:
     return moment
 
 
-def inertia_forces(chain: Chain, links: list[Link]) -> list[tuple[Any, Any]]:
-    """Generalised forces of bodies and tip load on (l, w) of each segment, by recursion."""
+def inertia_forces(links: list[Link], drags: list[Link] | None = None) -> list[tuple[Any, Any]]:
+    """Generalised forces of bodies and tip load on (l, w) of each segment, by recursion.
+
+    `drags` are the same segments with other effects in another motion, to be added.
+    """
     force, moment = -links[-1].load_force, -links[-1].load_moment  # in the last local frame
     results = []
-    for link in reversed(links):
+    for i, link in reversed(list(enumerate(links))):
         tip = link.tip
         if link is not links[-1]:
             force, moment = tip.rotation @ force, tip.rotation @ moment
         on_l, on_w = tip.pull(force, moment)
         moment = moment + ca.cross(tip.p.terms[0], force)
-        for point, (_, law) in zip(link.points, link.segment.bodies, strict=True):
-            f, m = body_wrench(link, point, law)
+        for k, point in enumerate(link.points):
+            f, m = _wrench(link, k)
+            if drags is not None:
+                f, m = _sum((f, m), _wrench(drags[i], k))
             share_l, share_w = point.pull(f, m)
             place = point.length / link.segment.rest
             on_l, on_w = on_l + place * share_l, on_w + place * share_w
@@ -67,6 +79,15 @@ def inertia_forces(chain: Chain, links: list[Link]) -> list[tuple[Any, Any]]:
             moment = moment if m is None else moment + m
         results.append((on_l, on_w))
     return results[::-1]
+
+
+def _wrench(link: Link, body: int) -> Wrench:
+    return body_wrench(link, link.points[body], link.segment.bodies[body][1])
+
+
+def _sum(a: Wrench, b: Wrench) -> Wrench:
+    moments = [m for m in (a[1], b[1]) if m is not None]
+    return a[0] + b[0], sum(moments[1:], moments[0]) if moments else None
 
 
 def resultants(
@@ -90,9 +111,7 @@ def to_strains(link: Link, on_l: Any, on_w: Any) -> ca.SX:
     """Generalised forces on (ε, k) from those on (l, w = l k)."""
     strains = link.tip.strains.terms[0]
     rest = link.segment.rest
-    rows = ca.vertcat(
-        rest * (on_l + ca.dot(strains[1:4], on_w)), rest * (1 + strains[0]) * on_w
-    )
+    rows = ca.vertcat(rest * (on_l + ca.dot(strains[1:4], on_w)), rest * (1 + strains[0]) * on_w)
     return rows[link.segment.kinds]
 
 
@@ -111,10 +130,11 @@ def residual(
     state: State,
     pressures: list[ca.SX | None],
     elastic: bool = True,
+    drags: list[Link] | None = None,
 ) -> ca.SX:
     """r(q, dq, ddq, P) = M ddq + C dq + N - τ, over all segments; zero along a motion."""
     rows = []
-    for link, (on_l, on_w) in zip(links, inertia_forces(chain, links), strict=True):
+    for link, (on_l, on_w) in zip(links, inertia_forces(links, drags), strict=True):
         own = pressures[link.segment.section_index]
         tension, moment = resultants(chain, link, own, elastic)
         row = to_strains(link, on_l + tension, on_w + moment)

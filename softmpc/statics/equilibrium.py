@@ -1,4 +1,4 @@
-"""Forward statics: the posture at given pressures or torques, by continuation from the straight arm.
+"""Forward statics: the posture at given pressures, by continuation from the straight arm.
 
 The path r(q, s P) = (1 - s) r(0, 0) starts at the straight arm for s = 0, which the fictitious
 forces on the right hold in equilibrium under any gravity and load, and ends at the posture for
@@ -7,11 +7,11 @@ s = 1. Following it keeps to the branch the arm takes; Newton from afar may find
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from softmpc.errors import InputError
 from softmpc.model.model import Model
@@ -45,7 +45,7 @@ class Equilibrium:
         return self.converged and self.smallest_stiffness > 0
 
 
-def pressures_from_torques(model: Model, torques: Sequence[float]) -> np.ndarray:
+def pressures_from_torques(model: Model, torques: ArrayLike) -> np.ndarray:
     """Unit pressures (Pa) at rest under motor torques (N·m)."""
     if model.scene.actuation.input != "torque":
         raise InputError(
@@ -53,13 +53,10 @@ def pressures_from_torques(model: Model, torques: Sequence[float]) -> np.ndarray
             "or set [actuation] kind = 'hydraulic' or 'static'"
         )
     u = _vector("torques", torques, model, "N·m")
-    drive = model.drive
-    if len(drive.A) == 0:
-        return drive.D @ u
-    return drive.D @ u - drive.C @ np.linalg.solve(drive.A, drive.B @ u)
+    return model.static_gain @ u
 
 
-def find_equilibrium(model: Model, pressures: Sequence[float]) -> Equilibrium:
+def find_equilibrium(model: Model, pressures: ArrayLike) -> Equilibrium:
     """The posture at unit pressures in Pa (one a unit), on the branch of the straight arm."""
     p = _vector("pressures", pressures, model, "Pa")
     offset = np.asarray(model.balance(0, 0)).ravel()
@@ -78,9 +75,7 @@ def find_equilibrium(model: Model, pressures: Sequence[float]) -> Equilibrium:
     return _result(model, q, p, p, iterations)
 
 
-def refine_equilibrium(
-    model: Model, pressures: Sequence[float], guess: Sequence[float]
-) -> Equilibrium:
+def refine_equilibrium(model: Model, pressures: ArrayLike, guess: ArrayLike) -> Equilibrium:
     """The posture at unit pressures near a known one: Newton from `guess` (n strains)."""
     p = _vector("pressures", pressures, model, "Pa")
     solved, used = _newton(model, np.asarray(guess, float), p, np.zeros(model.strains))
@@ -89,11 +84,13 @@ def refine_equilibrium(
     return _result(model, solved, p, p, used)
 
 
-def _vector(name: str, values: Sequence[float], model: Model, unit: str) -> np.ndarray:
+def _vector(name: str, values: ArrayLike, model: Model, unit: str) -> np.ndarray:
     array = np.asarray(values, dtype=float).ravel()
     count = model.scene.manipulator.units
     if array.shape != (count,):
-        raise InputError(f"{len(array)} {name} given: this arm has {count} units, give one for each")
+        raise InputError(
+            f"{len(array)} {name} given: this arm has {count} units, give one for each"
+        )
     if not np.all(np.isfinite(array)):
         raise InputError(f"{name} = {array.tolist()} {unit}: all must be finite numbers")
     return array

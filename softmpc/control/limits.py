@@ -1,0 +1,97 @@
+"""Limits: rows of an optimal-control problem that must stay between two bounds."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from softmpc.control.stage import Stage
+from softmpc.errors import InputError
+
+__all__ = ["Limit", "PressureLimit", "Rows", "StrainLimit", "TorqueLimit", "TorqueRateLimit"]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows `low ≤ value ≤ high` (SI), their names and scales."""
+
+    value: ca.SX
+    low: np.ndarray
+    high: np.ndarray
+    scale: np.ndarray
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Limit(ABC):
+    """A limit in every interval; `low` and `high` in SI, the same for all its rows."""
+
+    name: ClassVar[str]
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise InputError(
+                f"{type(self).__name__}: low = {self.low!r} must be below high = {self.high!r}"
+            )
+
+    @abstractmethod
+    def rows(self, stage: Stage) -> Rows:
+        """The rows of this limit."""
+
+    def _rows(self, value: ca.SX, scale: np.ndarray, names: tuple[str, ...]) -> Rows:
+        ones = np.ones(value.shape[0])
+        return Rows(value, self.low * ones, self.high * ones, scale, names)
+
+
+@dataclass(frozen=True)
+class TorqueLimit(Limit):
+    """Motor torque in N·m (or pressure in Pa where the scene is driven by pressures)."""
+
+    name: ClassVar[str] = "torque"
+
+    def rows(self, stage: Stage) -> Rows:
+        u = stage.model.layout.u
+        return self._rows(stage.u, u.scale, u.names)
+
+
+@dataclass(frozen=True)
+class TorqueRateLimit(Limit):
+    """Change of torque over one interval, N·m."""
+
+    name: ClassVar[str] = "torque rate"
+
+    def rows(self, stage: Stage) -> Rows:
+        u = stage.model.layout.u
+        return self._rows(stage.u - stage.u_before, u.scale, tuple(f"d{n}" for n in u.names))
+
+
+@dataclass(frozen=True)
+class PressureLimit(Limit):
+    """Unit pressures at the end of each interval, Pa."""
+
+    name: ClassVar[str] = "pressure"
+
+    def rows(self, stage: Stage) -> Rows:
+        p = stage.model.layout.p
+        return self._rows(stage.pressures, p.scale, p.names)
+
+
+@dataclass(frozen=True)
+class StrainLimit(Limit):
+    """One kind of strain ("epsilon", "kappa_x", …) of all segments."""
+
+    name: ClassVar[str] = "strain"
+    kind: str = "epsilon"
+
+    def rows(self, stage: Stage) -> Rows:
+        q = stage.model.layout.q
+        chosen = [i for i, n in enumerate(q.names) if n.startswith(self.kind + "_")]
+        if not chosen:
+            raise InputError(f"StrainLimit(kind={self.kind!r}): no such strain in this scene")
+        return self._rows(stage.q[chosen], q.scale[chosen], tuple(q.names[i] for i in chosen))

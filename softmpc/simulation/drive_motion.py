@@ -1,0 +1,95 @@
+"""The linear drive solved exactly, so that integrators see only the arm.
+
+Its fast poles (-10485 1/s for the paper's drive, the arm's slowest mode is near 10 1/s) would force
+small steps on every method. Under an input that is linear in time the drive's motion is known in
+closed form, and the pressures become known smooth functions of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from softmpc.model.hydraulics import DriveMatrices
+
+__all__ = ["DriveLaw", "DriveMotion"]
+
+
+@dataclass(frozen=True, eq=False)
+class DriveLaw:
+    """z(t) = constant + slope t + Re Σ_j modes_j exp(λ_j t), t from the start of the interval.
+
+    `constant`, `slope` (h), `modes` (h × eigenvalues, complex); `u0`, `u_slope` (k) the input.
+    """
+
+    constant: np.ndarray
+    slope: np.ndarray
+    modes: np.ndarray
+    u0: np.ndarray
+    u_slope: np.ndarray
+
+
+class DriveMotion:
+    """Closed-form motion of ż = A z + B u, P = C z + D u, for u linear in time.
+
+    `scale` (h) is the typical size of the drive's states; h = 0 for a drive that follows at once.
+    """
+
+    def __init__(self, drive: DriveMatrices, scale: np.ndarray) -> None:
+        self.drive, self.scale = drive, scale
+        rates, shapes = np.linalg.eig(drive.A * scale / scale[:, None])
+        self._shapes, self._upper = shapes, rates.imag >= 0  # of each complex pair, one is enough
+        self.rates = rates[self._upper]
+        self._weight = np.where(self.rates.imag > 0, 2.0, 1.0)
+
+    def law(self, z: np.ndarray, u0: np.ndarray, u_slope: np.ndarray) -> DriveLaw:
+        """The motion from state z (h) under the input u0 + u_slope t (k)."""
+        A, B = self.drive.A, self.drive.B
+        slope = -np.linalg.solve(A, B @ u_slope)
+        constant = np.linalg.solve(A, slope - B @ u0)
+        share = np.linalg.solve(self._shapes, (z - constant) / self.scale)
+        modes = self.scale[:, None] * (self._shapes * share)[:, self._upper] * self._weight
+        return DriveLaw(constant, slope, modes, u0, u_slope)
+
+    def states(self, law: DriveLaw, times: np.ndarray) -> np.ndarray:
+        """States z (K×h) at the times (K)."""
+        waves = np.exp(np.multiply.outer(times, self.rates)) @ law.modes.T
+        return law.constant + np.multiply.outer(times, law.slope) + waves.real
+
+    def rest(self, u: np.ndarray) -> np.ndarray:
+        """State z (h) at rest under the input u (k)."""
+        return -np.linalg.solve(self.drive.A, self.drive.B @ u)
+
+    def pressures(self, z: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Unit pressures (K×m, Pa) at states z (K×h) and inputs u (K×k)."""
+        return np.asarray(z @ self.drive.C.T + u @ self.drive.D.T)
+
+    # --- as CasADi expressions -----------------------------------------------------------------
+
+    @property
+    def _oscillates(self) -> np.ndarray:
+        return np.flatnonzero(self.rates.imag > 0)
+
+    @property
+    def coefficients(self) -> int:
+        """Length of `pressure_coefficients`."""
+        return len(self.drive.C) * (2 + len(self.rates) + len(self._oscillates))
+
+    def pressure_coefficients(self, law: DriveLaw) -> np.ndarray:
+        """What `pressure` needs to know of a motion."""
+        C, D = self.drive.C, self.drive.D
+        waves = C @ law.modes
+        columns = [C @ law.constant + D @ law.u0, C @ law.slope + D @ law.u_slope]
+        parts = [np.stack(columns, 1), waves.real, -waves.imag[:, self._oscillates]]
+        return np.hstack(parts).ravel(order="F")
+
+    def pressure(self, coefficients: Any, time: Any) -> Any:
+        """Unit pressures (m, Pa) at a time, both symbolic."""
+        grown = [ca.exp(rate.real * time) for rate in self.rates]
+        basis = [ca.MX(1), time]
+        basis += [g * ca.cos(r.imag * time) if r.imag else g for g, r in zip(grown, self.rates)]
+        basis += [grown[j] * ca.sin(self.rates[j].imag * time) for j in self._oscillates]
+        return ca.reshape(coefficients, len(self.drive.C), len(basis)) @ ca.vertcat(*basis)

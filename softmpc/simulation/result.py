@@ -1,0 +1,142 @@
+"""What a simulation returns, and its files."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softmpc.errors import InputError
+from softmpc.model.layout import Variables
+from softmpc.model.model import Model
+from softmpc.simulation.columns import replacing, write_columns
+
+__all__ = ["SCHEMA_VERSION", "Simulation", "titles_of"]
+
+SCHEMA_VERSION = 1
+STATES = ("q", "dq", "z", "u", "p")
+ARRAYS = ("time", *STATES, "tips", "tip_speeds")
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A motion at K times, SI. `status` is "finished", "interrupted" or "stopped: …".
+
+    What was reached is kept whatever the status. `titles` are the column names of q, dq, z, u, p,
+    with units.
+    """
+
+    title: str
+    status: str
+    wall_s: float  # time the integration took
+    time: np.ndarray  # s (K)
+    q: np.ndarray  # strains (K×n)
+    dq: np.ndarray  # their rates (K×n)
+    z: np.ndarray  # drive states (K×h)
+    u: np.ndarray  # inputs (K×k), N·m or Pa; at a jump the new value
+    p: np.ndarray  # unit pressures, Pa (K×m)
+    tips: np.ndarray  # section tips, base first, m (K×S×3)
+    tip_speeds: np.ndarray  # m/s (K×S)
+    energies: dict[str, np.ndarray] = field(default_factory=dict)  # J (K), by name
+    titles: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def finished(self) -> bool:
+        return self.status == "finished"
+
+    @property
+    def x(self) -> np.ndarray:
+        """States (q, dq, z) (K×nx)."""
+        return np.hstack([self.q, self.dq, self.z])
+
+    @property
+    def duration_s(self) -> float:
+        """Time reached."""
+        return float(self.time[-1])
+
+    @property
+    def realtime_factor(self) -> float:
+        """Simulated time over the time it took."""
+        return self.duration_s / self.wall_s if self.wall_s > 0 else float("inf")
+
+    @property
+    def final_tips(self) -> np.ndarray:
+        """Section tips at the end (S×3), m."""
+        return np.asarray(self.tips[-1])
+
+    def summary(self) -> dict[str, Any]:
+        """What a program wants to know, ready for JSON."""
+        summary: dict[str, Any] = {
+            "status": self.status,
+            "duration_s": self.duration_s,
+            "wall_s": self.wall_s,
+            "realtime_factor": self.realtime_factor,
+            "final_tips_m": self.final_tips.tolist(),
+        }
+        if self.energies:
+            summary["final_energy_j"] = {k: float(v[-1]) for k, v in self.energies.items()}
+        return summary
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Every number of the motion as a column, titles with units."""
+        columns = {"t [s]": self.time}
+        for i in range(self.tips.shape[1]):
+            for axis, letter in enumerate("xyz"):
+                columns[f"{letter}_{i + 1} [m]"] = self.tips[:, i, axis]
+        for i, speeds in enumerate(self.tip_speeds.T, 1):
+            columns[f"tip_speed_{i} [m/s]"] = speeds
+        for name in STATES:
+            columns |= dict(zip(self.titles[name], getattr(self, name).T, strict=True))
+        return columns | {f"{name}_energy [J]": e for name, e in self.energies.items()}
+
+    def save(self, directory: str | os.PathLike[str]) -> tuple[Path, Path]:
+        """Write simulation.csv and simulation.npz there; a crash leaves the last good ones."""
+        folder = Path(directory)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_columns(folder / "simulation.csv", self.columns())
+            with replacing(folder / "simulation.npz") as beside, open(beside, "wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **self._content())
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+        return folder / "simulation.csv", folder / "simulation.npz"
+
+    def _content(self) -> dict[str, Any]:
+        about = {"schema": SCHEMA_VERSION, "title": self.title, "status": self.status}
+        about |= {"wall_s": self.wall_s, "titles": self.titles}
+        arrays = {name: getattr(self, name) for name in ARRAYS}
+        arrays |= {f"energy_{name}": e for name, e in self.energies.items()}
+        return {"about": json.dumps(about), **arrays}
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Simulation:
+        """Read a simulation.npz; raises `InputError` for a file that is none."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                content = dict(file)
+            about = json.loads(str(content.pop("about")))
+            arrays = {name: content.pop(name) for name in ARRAYS}
+        except FileNotFoundError:
+            raise InputError(f"{path}: no such file") from None
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise InputError(f"{path}: is not a saved simulation: {error}") from None
+        if about.pop("schema", None) != SCHEMA_VERSION:
+            raise InputError(f"{path}: is of another version; {SCHEMA_VERSION} is known here")
+        titles = {name: tuple(titles) for name, titles in about.pop("titles").items()}
+        energies = {name.removeprefix("energy_"): e for name, e in content.items()}
+        return cls(**about, **arrays, energies=energies, titles=titles)
+
+
+def titles_of(model: Model) -> dict[str, tuple[str, ...]]:
+    """Column names with units of q, dq, z, u, p."""
+    return {name: _titled(getattr(model.layout, name)) for name in STATES}
+
+
+def _titled(variables: Variables) -> tuple[str, ...]:
+    pairs = zip(variables.names, variables.units, strict=True)
+    return tuple(f"{name} [{unit}]" if unit else name for name, unit in pairs)

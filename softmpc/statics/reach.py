@@ -1,0 +1,132 @@
+"""Reach of the tip by IPOPT: the posture that holds it at a place, and how far it is from the edge.
+
+One program serves both: strains and pressures in equilibrium, the tip on a ray from `origin`,
+either at its start with the least pressure, or as far along it as the pressures allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import casadi as ca
+import numpy as np
+
+from softmpc.errors import InputError
+from softmpc.model.model import Model
+from softmpc.statics.equilibrium import Equilibrium, refine_equilibrium
+
+__all__ = ["Clearance", "Reach", "pressure_range"]
+
+FAR = 10.0  # arm lengths, a bound on the ray
+
+
+def pressure_range(model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest pressure of each unit at rest (Pa), torque limits included."""
+    limits, m = model.scene.manipulator.limits, model.scene.manipulator.units
+    low, high = np.full(m, limits.pressure_min), np.full(m, limits.pressure_max)
+    if model.scene.actuation.input == "torque":
+        gain = np.diag(model.static_gain)
+        ends = np.sort(np.outer([limits.torque_min, limits.torque_max], gain), axis=0)
+        low, high = np.maximum(low, ends[0]), np.minimum(high, ends[1])
+    return low, high
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Smallest distance from places to the edge of the workspace along some directions."""
+
+    distance: float  # m
+    place: np.ndarray  # where (3)
+    direction: np.ndarray  # towards the edge (3)
+    directions: int  # how many were searched from each place
+
+
+class Reach:
+    """Postures and limits of the tip of one model."""
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.low, self.high = pressure_range(model)
+        self._solver = self._make()
+        self._last: np.ndarray | None = None
+
+    def _make(self) -> ca.Function:
+        model = self.model
+        n, m, layout = model.strains, len(self.low), model.layout
+        length = model.scene.manipulator.length
+        w = ca.MX.sym("w", n + m + 1)
+        q, p = w[:n] * layout.q.scale, w[n : n + m] * layout.p.scale
+        parameters = ca.MX.sym("parameters", 7)  # origin, direction, 1: along the ray
+        place = parameters[:3] + w[-1] * length * parameters[3:6]
+        balance = model.balance(q, p) / layout.r.scale
+        off = (model.tip(q) - place) / length
+        effort = 0.5 * ca.sumsqr(w[n : n + m]) / m
+        objective = (1 - parameters[6]) * effort - parameters[6] * w[-1]
+        problem = {"x": w, "p": parameters, "f": objective, "g": ca.vertcat(balance, off)}
+        quiet = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 200}
+        return ca.nlpsol(
+            "reach", "ipopt", problem, {"print_time": False, "error_on_fail": False, "ipopt": quiet}
+        )
+
+    def posture(self, place: np.ndarray) -> Equilibrium | None:
+        """The posture of least pressure with the tip at `place` (3, m); None if out of reach."""
+        w = self._solve(place, np.array([0.0, 0.0, 1.0]), along=False)
+        if w is None:
+            return None
+        self._last = w
+        q, p = self._split(w)
+        return refine_equilibrium(self.model, np.clip(p, self.low, self.high), q)
+
+    def to_edge(self, place: np.ndarray, direction: np.ndarray) -> float | None:
+        """Distance (m) from a place in reach to the edge along a unit vector."""
+        w = self._solve(place, direction, along=True)
+        return None if w is None else float(w[-1]) * self.model.scene.manipulator.length
+
+    def clearance(
+        self, places: np.ndarray, progress: Callable[[int, int], None] | None = None
+    ) -> Clearance | None:
+        """How close `places` (K×3) come to the edge; None if one of them is out of reach."""
+        directions = [np.array(d, float) for d in product((-1, 0, 1), repeat=3) if any(d)]
+        directions = [d / np.linalg.norm(d) for d in directions]
+        best: Clearance | None = None
+        for k, place in enumerate(np.asarray(places, float)):
+            if self.posture(place) is None:
+                return None
+            for direction in directions:
+                distance = self.to_edge(place, direction)
+                if distance is not None and (best is None or distance < best.distance):
+                    best = Clearance(distance, place, direction, len(directions))
+            if progress is not None:
+                progress(k + 1, len(places))
+        return best
+
+    def _split(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        n, layout = self.model.strains, self.model.layout
+        return w[:n] * layout.q.scale, w[n:-1] * layout.p.scale
+
+    def _guess(self) -> np.ndarray:
+        """The last posture found, or the arm at half pressure."""
+        if self._last is not None:
+            return self._last
+        layout, p = self.model.layout, (self.low + self.high) / 2
+        stretch = np.array([0.2 if s.startswith("epsilon") else 0.0 for s in layout.q.names])
+        q = refine_equilibrium(self.model, p, stretch).q
+        return np.concatenate([q / layout.q.scale, p / layout.p.scale, [0.0]])
+
+    def _solve(self, place: np.ndarray, direction: np.ndarray, along: bool) -> np.ndarray | None:
+        place = np.asarray(place, float).ravel()
+        if place.shape != (3,) or not np.all(np.isfinite(place)):
+            raise InputError(f"place = {place.tolist()}: must be three finite numbers in m")
+        n, scale = self.model.strains, self.model.layout.p.scale
+        free, ray = np.full(n, np.inf), FAR if along else 0.0
+        found = self._solver(
+            x0=self._guess(),
+            p=np.concatenate([place, direction, [float(along)]]),
+            lbx=np.concatenate([-free, self.low / scale, [0.0]]),
+            ubx=np.concatenate([free, self.high / scale, [ray]]),
+            lbg=0.0,
+            ubg=0.0,
+        )
+        return np.asarray(found["x"]).ravel() if self._solver.stats()["success"] else None

@@ -1,0 +1,130 @@
+"""The arm in motion, as GIF, and as MP4 where ffmpeg is installed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.errors import InputError
+from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
+from softmpc.view.style import ALARM, INK, figure, styled
+
+if TYPE_CHECKING:
+    from softmpc.model.model import Model
+
+__all__ = ["animate"]
+
+STEP = 0.08  # s between frames; GIF counts in hundredths, many viewers take none below 0.02
+MOST_FRAMES = 300
+PIXELS = 480
+COLOURS = 64
+Progress = Callable[[int, int], None]
+
+
+def animate(
+    model: Model,
+    time: np.ndarray,
+    q: np.ndarray,
+    path: Path,
+    reference: np.ndarray | None = None,
+    title: str = "",
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write `path` (.gif), and .mp4 beside it if there is ffmpeg; returns what was written.
+
+    Strains `q` (K×n) over `time` (K, s); `reference` (K×3, m) is the path of the tip. Frames are
+    in real time, further apart in long motions only.
+    """
+    count = int(np.clip((time[-1] - time[0]) / STEP, 1, MOST_FRAMES)) + 1
+    picks = np.searchsorted(time, np.linspace(time[0], time[-1], count)).clip(0, len(time) - 1)
+    frames = []
+    for done, frame in enumerate(_frames(model, time[picks], q[picks], reference, title), 1):
+        frames.append(frame)
+        if progress:
+            progress(done, count)
+    seconds = (time[-1] - time[0]) / max(count - 1, 1)
+    written = [_whole(path, lambda beside: _write_gif(frames, beside, seconds))]
+    if shutil.which("ffmpeg"):
+        movie = path.with_suffix(".mp4")
+        written.append(_whole(movie, lambda beside: _write_mp4(frames, beside, seconds)))
+    return written
+
+
+@styled
+def _frames(
+    model: Model, time: np.ndarray, q: np.ndarray, reference: np.ndarray | None, title: str
+) -> list[np.ndarray]:
+    return list(_draw_frames(model, time, q, reference, title))
+
+
+def _draw_frames(
+    model: Model, time: np.ndarray, q: np.ndarray, reference: np.ndarray | None, title: str
+) -> Iterator[np.ndarray]:
+    """Each moment as an image (height × width × 3)."""
+    arm = Arm(model)
+    shapes = [arm.sections(one) for one in q]
+    tips = np.array([shape[-1][-1] for shape in shapes])
+    made = figure(PIXELS / 120, PIXELS / 120, layout="none")
+    made.set_dpi(120)
+    lines = [line for shape in shapes for line in shape]
+    box = box_of(*lines, *([] if reference is None else [reference]), margin=1.5 * max(arm.radii))
+    axes: Any = space(made, 111, box, arm.hangs, view=(18, -64), zoom=0.94)
+    axes.set_position((0.0, 0.08, 0.98, 0.9))
+    draw_base(axes, 1.8 * max(arm.radii))
+    (trace,) = axes.plot(*tips[:1].T, color=ALARM, linewidth=1.6, zorder=8)
+    if reference is not None:
+        axes.plot(*reference.T, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=9)
+    clock = made.text(0.03, 0.95, "", fontsize=10)
+    for k, shape in enumerate(shapes):
+        moving = draw_tube(axes, shape, [0.6 * radius for radius in arm.radii])
+        trace.set_data_3d(*tips[: k + 1].T)
+        clock.set_text(f"{title}   t = {time[k]:.1f} s".strip())
+        made.canvas.draw()
+        yield np.asarray(made.canvas.buffer_rgba())[..., :3].copy()  # type: ignore[attr-defined]
+        for artist in moving:
+            artist.remove()
+
+
+def _write_gif(frames: list[np.ndarray], path: Path, seconds: float) -> None:
+    """One palette for all frames, which keeps the file small and the colours still."""
+    from PIL import Image
+
+    middle = Image.fromarray(frames[len(frames) // 2])
+    palette = middle.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    images = [
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    ]
+    hundredths = max(2, round(100 * seconds))
+    images[0].save(
+        path, format="GIF", save_all=True, append_images=images[1:],
+        duration=10 * hundredths, loop=0, optimize=False,
+    )  # fmt: skip
+
+
+def _write_mp4(frames: list[np.ndarray], path: Path, seconds: float) -> None:
+    height, width, _ = frames[0].shape
+    source = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {1 / seconds:.4f} -i -"
+    target = "-c:v libx264 -pix_fmt yuv420p -movflags +faststart -f mp4"
+    command = ["ffmpeg", "-loglevel", "error", "-y", *source.split(), *target.split(), str(path)]
+    data = b"".join(frame.tobytes() for frame in frames)
+    done = subprocess.run(command, input=data, capture_output=True, check=False)
+    if done.returncode:
+        raise InputError(f"ffmpeg could not write {path.name}: {done.stderr.decode()[-200:]}")
+
+
+def _whole(path: Path, write: Callable[[Path], None]) -> Path:
+    """Write beside the place, then rename: a crash leaves the last good file."""
+    beside = path.with_name(f".{os.getpid()}.{path.name}")
+    try:
+        write(beside)
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+    return path

@@ -1,0 +1,158 @@
+"""The arm in space: its shape at given strains, and how to draw it in three dimensions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.model.effects import Gravity
+from softmpc.view.style import GREY, INK, colour
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
+
+    from softmpc.model.model import Model
+
+__all__ = ["Arm", "box_of", "draw_base", "draw_frames", "draw_line", "draw_tube", "even_ticks", "space"]
+
+AROUND = np.linspace(0, 2 * np.pi, 25)
+RINGS = 25  # of a section, at most
+
+
+@dataclass(frozen=True)
+class Arm:
+    """What pictures need of a model: centre lines, sizes, and which way is down."""
+
+    model: Model
+
+    @property
+    def radii(self) -> list[float]:
+        """Outer radius of each section (m)."""
+        return [section.disc_radius for section in self.model.scene.manipulator.sections]
+
+    @property
+    def hangs(self) -> bool:
+        """Whether gravity points along +z, so that z should point down in pictures."""
+        gravity = self.model.scene.effect(Gravity)
+        return gravity is not None and gravity.vector[2] > 0
+
+    def sections(self, q: Any) -> list[np.ndarray]:
+        """Centre line of each section (points × 3, m), base first, ends shared."""
+        points = np.asarray(self.model.centerline(q)).T
+        steps = (len(points) - 1) // len(self.radii)
+        return [points[i * steps : (i + 1) * steps + 1] for i in range(len(self.radii))]
+
+    def rotations(self, q: Any) -> np.ndarray:
+        """Orientation of each section tip (S×3×3), axes in columns."""
+        blocks = np.asarray(self.model.frames(q)[1])
+        return np.stack(np.split(blocks, len(self.radii), axis=1))
+
+
+def box_of(*places: Any, margin: float = 0.0) -> np.ndarray:
+    """Lowest and highest corner (2×3) around finite points (…×3) with a margin, never flat."""
+    points = np.concatenate([np.asarray(p, float).reshape(-1, 3) for p in places])
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    half = np.maximum(high - low, 0.45 * (high - low).max()) / 2
+    middle = (low + high) / 2
+    return np.array([middle - half, middle + half])
+
+
+def space(
+    made: Any, place: Any, box: np.ndarray, hangs: bool, view: tuple[float, float] = (14, -62),
+    zoom: float = 1.0,
+) -> Axes3D:
+    """Three-dimensional axes around `box` with equal scales; z points down for a hanging arm.
+
+    What is drawn later covers what was drawn before.
+    """
+    axes: Any = made.add_subplot(place, projection="3d", computed_zorder=False)
+    low, high = box
+    axes.set_xlim(low[0], high[0])
+    # Two axes are turned, not one: the picture stays a picture and is no mirror image.
+    axes.set_ylim((high[1], low[1]) if hangs else (low[1], high[1]))
+    axes.set_zlim((high[2], low[2]) if hangs else (low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=zoom)
+    axes.view_init(*view)
+    axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+    _tidy(axes, box)
+    return axes
+
+
+def _tidy(axes: Any, box: np.ndarray) -> None:
+    """White panes, thin grid, the same ticks on each axis."""
+    for axis, ends in zip((axes.xaxis, axes.yaxis, axes.zaxis), box.T, strict=True):
+        axis.set_pane_color((1, 1, 1, 0))
+        axis._axinfo["grid"].update(color="#DDDDDD", linewidth=0.5)
+        axis.labelpad = 1
+        even_ticks(axis, ends, box)
+    axes.tick_params(pad=0)
+
+
+def even_ticks(axis: Any, ends: np.ndarray, box: np.ndarray) -> None:
+    """Ticks at the same round step for every side of `box`, none in the corners."""
+    size = (box[1] - box[0]).max()
+    decade = 10.0 ** np.floor(np.log10(size))
+    step = decade * next(s for s in (0.2, 0.5, 1, 2) if size < 8 * s * decade)
+    low, high = ends + 0.04 * size * np.array([1, -1])
+    axis.set_ticks(step * np.arange(np.ceil(low / step), np.floor(high / step) + 1))
+
+
+def draw_line(axes: Any, lines: list[np.ndarray], width: float = 3.0, alpha: float = 1.0) -> list[Any]:
+    """The centre line as one thick line a section; returns the lines."""
+    return [
+        axes.plot(*line.T, color=colour(i), linewidth=width, alpha=alpha)[0]
+        for i, line in enumerate(lines)
+    ]
+
+
+def draw_tube(axes: Any, lines: list[np.ndarray], radii: list[float], alpha: float = 1.0) -> list[Any]:
+    """The arm as a shaded tube of these radii, a section a colour; returns what was drawn."""
+    from matplotlib.colors import LightSource
+
+    light = LightSource(azdeg=315, altdeg=40)
+    drawn = []
+    for i, (line, radius) in enumerate(zip(lines, radii, strict=True)):
+        few = np.linspace(0, len(line) - 1, min(len(line), RINGS)).round().astype(int)
+        surface = _tube(line[few], radius)
+        drawn.append(axes.plot_surface(
+            *surface, color=colour(i), alpha=alpha, linewidth=0, antialiased=False,
+            rstride=1, cstride=1, shade=True, lightsource=light,
+        ))  # fmt: skip
+        for end in (0, -1):
+            ring = surface[:, end]
+            drawn += axes.plot(*ring, color=INK, linewidth=0.7, alpha=min(1, 2 * alpha))
+    return drawn
+
+
+def _tube(line: np.ndarray, radius: float) -> np.ndarray:
+    """Surface of a tube around a line (3 × points × angles), its frame carried without twist."""
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    side = np.cross(tangent[0], np.eye(3)[np.argmin(np.abs(tangent[0]))])
+    rings = []
+    for point, along in zip(line, tangent, strict=True):
+        side = side - along * (side @ along)
+        side /= np.linalg.norm(side)
+        over = np.cross(along, side)
+        rings.append(point + radius * (np.outer(np.cos(AROUND), side) + np.outer(np.sin(AROUND), over)))
+    return np.moveaxis(np.array(rings), 2, 0)
+
+
+def draw_base(axes: Any, radius: float) -> None:
+    """The plate that the arm is fixed to, at the origin."""
+    ring = np.array([np.cos(AROUND), np.sin(AROUND), 0 * AROUND]) * radius
+    surface = np.stack([0 * ring, ring], axis=1)
+    axes.plot_surface(*surface, color=GREY, alpha=0.5, linewidth=0, shade=False)
+    axes.plot(*ring, color=INK, linewidth=0.8)
+
+
+def draw_frames(axes: Any, places: Any, rotations: Any, size: float) -> None:
+    """Axes x, y, z of each frame as short lines: solid, dashed, dotted, named at their ends."""
+    for place, rotation in zip(np.asarray(places), np.asarray(rotations), strict=True):
+        for name, arrow, dashes in zip("xyz", rotation.T, ("-", (0, (4, 1)), (0, (1, 1))), strict=True):
+            end = place + size * arrow
+            axes.plot(*zip(place, end, strict=True), color=INK, linewidth=1.2, linestyle=dashes)
+            axes.text(*(place + 1.25 * size * arrow), name, fontsize=8, ha="center", va="center")

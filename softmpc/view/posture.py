@@ -1,0 +1,59 @@
+"""Pictures of the arm at rest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.view.arm import Arm, box_of, draw_base, draw_frames, draw_line, draw_tube, even_ticks, space
+from softmpc.view.style import GREY, INK, colour, figure, label, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from softmpc.model.model import Model
+
+__all__ = ["posture_figure"]
+
+
+@styled
+def posture_figure(model: Model, q: Any, title: str = "Posture at rest") -> Figure:
+    """The arm at strains `q`: in space, and seen along y and along x."""
+    arm = Arm(model)
+    lines, rotations = arm.sections(q), arm.rotations(q)
+    radius = max(arm.radii)
+    box = box_of(*lines, margin=2.2 * radius)
+    made = figure(11.5, 5.2, title)
+    wide, deep, _ = box[1] - box[0]  # both projections get the same scale
+    grid = made.add_gridspec(1, 3, width_ratios=(0.9 * (wide + deep), wide, deep), wspace=0.08)
+    axes = space(made, grid[0], box, arm.hangs)
+    draw_base(axes, 2 * radius)
+    draw_tube(axes, lines, arm.radii, alpha=0.35)
+    draw_line(axes, lines)
+    origins = np.array([line[0] for line in lines] + [lines[-1][-1]])
+    draw_frames(axes, origins, [np.eye(3), *rotations], 1.8 * radius)
+    flat = [made.add_subplot(grid[column]) for column in (1, 2)]
+    for view, across in zip(flat, (0, 1), strict=True):
+        _projection(view, lines, arm, across, box)
+    handles, names = flat[0].get_legend_handles_labels()
+    made.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
+    return made
+
+
+def _projection(axes: Axes, lines: list[np.ndarray], arm: Arm, across: int, box: np.ndarray) -> None:
+    """The arm against x (`across` = 0) or y (1), z on the other axis, equal scales."""
+    radius = max(arm.radii)
+    axes.plot([-2 * radius, 2 * radius], [0, 0], color=GREY, linewidth=4, label="base")
+    for i, line in enumerate(lines):
+        axes.plot(line[:, across], line[:, 2], color=colour(i), linewidth=4, label=f"section {i + 1}")
+        axes.plot(*line[-1, [across, 2]], "o", color=INK, markersize=4, zorder=3)
+    axes.plot([], [], "o", color=INK, markersize=4, label="section tip")
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(box[:, across])
+    axes.set_ylim(box[::-1, 2] if arm.hangs else box[:, 2])
+    even_ticks(axes.xaxis, box[:, across], box)
+    even_ticks(axes.yaxis, box[:, 2], box)
+    name = "xy"[across]
+    label(axes, f"{name} (m)", "z (m)", f"{name}z plane")

@@ -1,0 +1,176 @@
+"""Curves over time: section tips, strains, torques, pressures, solve times.
+
+Each `draw_…` fills axes of a larger picture, each `…_figure` is a picture of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.view.style import (
+    ALARM,
+    GREY,
+    INK,
+    colour,
+    dash,
+    figure,
+    label,
+    legend_right,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from softmpc.model.model import Model
+    from softmpc.model.parameters import Manipulator
+
+__all__ = [
+    "draw_pressures", "draw_solve_times", "draw_torques", "inputs_figure", "plain_log",
+    "solve_times_figure", "strains_figure", "tips_figure",
+]  # fmt: skip
+
+TIME = "time (s)"
+MOST_NAMES = 16  # in a legend
+STRAIN_LABELS = {
+    "epsilon": ("stretch", "ε (%)", 100.0),
+    "kappa_x": ("bending about x", "κx (1/m)", 1.0),
+    "kappa_y": ("bending about y", "κy (1/m)", 1.0),
+    "kappa_z": ("twist", "κz (1/m)", 1.0),
+}
+
+
+def panels(count: int, title: str, height: float = 1.85) -> tuple[Figure, list[Axes]]:
+    """A column of axes over one time axis."""
+    made = figure(8.5, 0.9 + height * count, title)
+    axes = made.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    return made, list(axes)
+
+
+@styled
+def tips_figure(
+    time: np.ndarray, tips: np.ndarray, reference: np.ndarray | None = None, title: str = "Section tips"
+) -> Figure:
+    """Coordinates of the section tips (K×S×3, m); `reference` (K×3) is what the last one follows."""
+    made, axes = panels(3, title)
+    for k, (one, name) in enumerate(zip(axes, "xyz", strict=True)):
+        for s in range(tips.shape[1]):
+            one.plot(time, tips[:, s, k], color=colour(s), linestyle=dash(s), label=f"section {s + 1}")
+        if reference is not None:
+            one.plot(time, reference[:, k], color=INK, linewidth=0.9, linestyle=(0, (1, 1.5)), label="reference")
+        label(one, TIME, f"{name} (m)")
+    _finish(axes)
+    return made
+
+
+@styled
+def strains_figure(model: Model, time: np.ndarray, q: np.ndarray, title: str = "Strains") -> Figure:
+    """Strains (K×n) of all segments, a panel a kind."""
+    scene = model.scene
+    kinds = scene.strains
+    made, axes = panels(len(kinds), title)
+    by_segment = q.reshape(len(q), -1, len(kinds))
+    for k, (one, kind) in enumerate(zip(axes, kinds, strict=True)):
+        name, unit, factor = STRAIN_LABELS[kind]
+        for i in range(by_segment.shape[1]):
+            s, part = divmod(i, scene.segments)
+            text = f"section {s + 1}" + (f", segment {part + 1}" if scene.segments > 1 else "")
+            style = dash(part if scene.segments > 1 else s)
+            one.plot(time, factor * by_segment[:, i, k], color=colour(s), linestyle=style, label=text)
+        label(one, TIME, unit, name)
+    _finish(axes)
+    return made
+
+
+@styled
+def inputs_figure(
+    model: Model, time: np.ndarray, u: np.ndarray, p: np.ndarray, title: str = "Drive"
+) -> Figure:
+    """Motor torques where there are any, and unit pressures, with their limits."""
+    torque = model.scene.actuation.input == "torque"
+    made, axes = panels(1 + torque, title, 2.3)
+    if torque:
+        draw_torques(axes[0], model.scene.manipulator, time, u)
+    draw_pressures(axes[-1], model.scene.manipulator, time, p)
+    _finish(axes)
+    return made
+
+
+@styled
+def solve_times_figure(
+    time: np.ndarray, step_ms: np.ndarray, budget_ms: float | None = None, title: str = "Solve times"
+) -> Figure:
+    """How long each step of the controller took."""
+    made, axes = panels(1, title, 2.6)
+    draw_solve_times(axes[0], time, step_ms, budget_ms)
+    _finish(axes)
+    return made
+
+
+def draw_torques(axes: Axes, arm: Manipulator, time: np.ndarray, u: np.ndarray) -> None:
+    """Motor torques (K×units, N·m), held from sample to sample."""
+    limits = arm.limits.torque_min, arm.limits.torque_max
+    _draw_units(axes, arm, time, u, limits, drawstyle="steps-post")
+    label(axes, TIME, "torque (N·m)", "motor torques")
+
+
+def draw_pressures(axes: Axes, arm: Manipulator, time: np.ndarray, p: np.ndarray) -> None:
+    """Unit pressures (K×units, Pa)."""
+    limits = arm.limits.pressure_min / 1e6, arm.limits.pressure_max / 1e6
+    _draw_units(axes, arm, time, p / 1e6, limits)
+    label(axes, TIME, "pressure (MPa)", "unit pressures")
+
+
+def _draw_units(
+    axes: Axes, arm: Manipulator, time: np.ndarray, values: np.ndarray, limits: Sequence[float], **how: Any
+) -> None:
+    """One curve a unit: colour for the section, dashes for the unit in it; limits as lines."""
+    unit = 0
+    for s, section in enumerate(arm.sections):
+        for j in range(section.units):
+            look = {"color": colour(s), "linestyle": dash(j), **how}
+            axes.plot(time, values[:, unit], **look, label=f"unit {unit + 1} (section {s + 1})")
+            unit += 1
+    for limit, name in zip(limits, ("limits", "_nolegend_"), strict=True):
+        axes.axhline(limit, color=ALARM, linewidth=1.0, linestyle=(0, (8, 3, 1, 3)), label=name)
+
+
+def draw_solve_times(
+    axes: Axes, time: np.ndarray, step_ms: np.ndarray, budget_ms: float | None = None
+) -> None:
+    """Solve times (ms) on a logarithmic scale, the median, and the time there is for a step."""
+    axes.semilogy(time, step_ms, ".", color=GREY, markersize=4, label="step")
+    median = float(np.median(step_ms))
+    axes.axhline(median, color=INK, linewidth=1.2, label=f"median {median:.3g} ms")
+    if budget_ms:
+        style = {"color": ALARM, "linewidth": 1.0, "linestyle": (0, (8, 3, 1, 3))}
+        axes.axhline(budget_ms, **style, label=f"sampling {budget_ms:.3g} ms")
+    label(axes, TIME, "solve time (ms)", "controller")
+    plain_log(axes)
+
+
+def plain_log(axes: Axes) -> None:
+    """Plain numbers at 1, 2, 5 of each decade on a logarithmic y axis, which spans at least one."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_ylim()
+    spread = max(1.0, np.sqrt(10 * low / high))
+    axes.set_ylim(low / spread, high * spread)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if high / low < 1e3 else (1,)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _finish(axes: list[Axes]) -> None:
+    """Tight time axes with their numbers, and one legend beside the first axes."""
+    for one in axes:
+        one.margins(x=0.01)
+        one.tick_params(labelbottom=True)
+    axes[0].figure.align_ylabels(axes)  # type: ignore[union-attr]
+    _, names = axes[0].get_legend_handles_labels()
+    if len(names) <= MOST_NAMES:
+        legend_right(axes[0])

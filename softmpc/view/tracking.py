@@ -1,0 +1,120 @@
+"""The picture of a closed-loop run: the arm along its path, its error, torques and pressures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, space
+from softmpc.view.style import ALARM, GREY, INK, figure, label, styled
+from softmpc.view.time_plots import TIME, draw_pressures, draw_torques, plain_log
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from softmpc.model.model import Model
+
+__all__ = ["tracking_figure"]
+
+GHOSTS = 7
+PATH = {"color": INK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
+TRACE = {"color": ALARM, "linewidth": 1.8}
+MOST_POINTS = 2000
+
+
+@styled
+def tracking_figure(model: Model, result: Any) -> Figure:
+    """The run as one picture; `result` is a `TrackResult`, `model` that of the plant."""
+    made = figure(12.5, 7, _title(result))
+    left, right = made.subfigures(1, 2, width_ratios=(1, 1.75))
+    _draw_space(left, Arm(model), result)
+    grid = right.add_gridspec(3, 2, width_ratios=(1, 2.1))
+    path, *over_time = (right.add_subplot(place) for place in (grid[0, 0], grid[0, 1], grid[1, :], grid[2, :]))
+    _draw_path(path, result)
+    _draw_error(over_time[0], result)
+    _draw_drive(over_time[1:], model, result)
+    for axes in over_time:
+        axes.margins(x=0.01)
+    right.align_ylabels([path, *over_time[1:]])
+    handles, names = over_time[2].get_legend_handles_labels()
+    if len(names) <= 13:
+        right.legend(handles, names, loc="outside lower center", ncols=4)
+    return made
+
+
+def _draw_drive(axes: list[Axes], model: Model, result: Any) -> None:
+    """Torques and pressures; where pressures are the input, tip coordinates instead of torques."""
+    arm = model.scene.manipulator
+    if model.scene.actuation.input == "torque":
+        draw_torques(axes[0], arm, result.control_time, result.u)
+    else:
+        _draw_coordinates(axes[0], result)
+    draw_pressures(axes[1], arm, _thin(result.time), _thin(result.p))
+
+
+def _title(result: Any) -> str:
+    title = result.title or "Tip tracking"
+    error = result.error[result.time >= result.settle] * 1e3
+    if not len(error):
+        return str(title)
+    return f"{title}: {np.sqrt(np.mean(error**2)):.2g} mm RMS after {result.settle:g} s"
+
+
+def _draw_space(made: Any, arm: Arm, result: Any) -> None:
+    """Postures along the last part of the run, the reference path and the tip's trace."""
+    shapes = [arm.sections(q) for q in result.q[_moments(result)]]
+    lines = [line for shape in shapes for line in shape]
+    box = box_of(*lines, result.reference, margin=1.5 * max(arm.radii))
+    axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=1.2)
+    draw_base(axes, 1.8 * max(arm.radii))
+    for shape in shapes[:-1]:
+        draw_line(axes, shape, width=2.2, alpha=0.35)
+    draw_tube(axes, shapes[-1], [0.6 * radius for radius in arm.radii], alpha=0.8)
+    axes.plot(*_thin(result.tip).T, **TRACE, label="tip")
+    axes.plot(*_thin(result.reference).T, **PATH, label="reference")
+    made.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+
+def _draw_path(axes: Axes, result: Any) -> None:
+    """The path seen face on, in mm, with equal scales."""
+    across, up = places = _plane(result.reference)
+    axes.plot(*1e3 * _thin(result.tip).T[places], **TRACE)
+    axes.plot(*1e3 * _thin(result.reference).T[places], **PATH)
+    axes.set_aspect("equal", adjustable="datalim")
+    label(axes, f"{'xyz'[across]} (mm)", f"{'xyz'[up]} (mm)", "tip path")
+
+
+def _plane(path: np.ndarray) -> list[int]:
+    """The two coordinates in which a path (K×3) extends most."""
+    return sorted(np.argsort(np.ptp(path, axis=0), kind="stable")[1:].tolist())
+
+
+def _moments(result: Any) -> np.ndarray:
+    """Indices of a few moments, evenly spread from the settling time to the end."""
+    first = int(np.searchsorted(result.time, min(result.settle, result.time[-1] / 2)))
+    return np.linspace(first, len(result.time) - 1, GHOSTS).round().astype(int)
+
+
+def _draw_error(axes: Axes, result: Any) -> None:
+    """Distance of the tip from its reference (mm), and from when on it counts."""
+    error = np.maximum(_thin(result.error) * 1e3, 1e-4)
+    axes.semilogy(_thin(result.time), error, color=INK, label="tip error")
+    axes.axvline(result.settle, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
+    label(axes, TIME, "tip error (mm)", f"tip error, counted from {result.settle:g} s on (dashed)")
+    plain_log(axes)
+
+
+def _draw_coordinates(axes: Axes, result: Any) -> None:
+    """Tip coordinates and their reference, where there is no torque to show."""
+    time = _thin(result.time)
+    for k, name in enumerate("xyz"):
+        axes.plot(time, _thin(result.tip)[:, k] * 1e3, color=(INK, ALARM, GREY)[k], label=name)
+        axes.plot(time, _thin(result.reference)[:, k] * 1e3, **PATH)
+    label(axes, TIME, "tip (mm)", "tip x (black), y (red), z (grey), reference dashed")
+
+
+def _thin(values: np.ndarray) -> np.ndarray:
+    """Every so manieth sample: no more than a picture can show."""
+    return values[:: max(1, len(values) // MOST_POINTS)]
