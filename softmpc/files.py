@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from softmpc.errors import InputError
 
-__all__ = ["write_whole"]
+__all__ = ["replacing"]
 
 
-def write_whole(path: str | os.PathLike[str], write: Callable[[Path], None]) -> Path:
-    """Let `write` fill a file beside `path`, then rename: a crash leaves the last good one."""
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """`with replacing(path) as beside`: what is written beside takes the place of `path`.
+
+    A crash leaves the last good file. Raises `InputError` where nothing can be written.
+    """
     path = Path(path)
     beside = path.with_name(f".{os.getpid()}.{path.name}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(beside)
+        yield beside
         beside.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         beside.unlink(missing_ok=True)
-    return path

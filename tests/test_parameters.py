@@ -32,7 +32,7 @@ def test_preset_v1_is_frozen() -> None:
     section = dict(
         length=0.25, young_modulus=1.2e6, shear_modulus=0.4e6, bending_radius=0.0298,
         disc_radius=0.0323, unit_offset=0.0173, unit_area=3.14e-4, wall_area=3.93e-4, mass=0.56,
-        unit_angles=thirds, linear_damping=0.6, angular_damping=0.002, viscosity=4000.0,
+        unit_angles=thirds, linear_damping=4.5, angular_damping=0.002, viscosity=10000.0,
     )  # fmt: skip
     hydraulics = dict(
         bulk_modulus=2.18e9, piston_area=0.0021, piston_mass=1.2, tube_length=1.61,

@@ -13,6 +13,7 @@ from softmpc.control.track_result import TrackResult
 from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.simulation.integrator import IntegrationError, Integrator
+from softmpc.simulation.interrupts import InterruptLater
 from softmpc.statics.equilibrium import Equilibrium
 
 __all__ = ["Start", "close_loop", "start_at"]
@@ -61,14 +62,18 @@ def close_loop(
     states, steps, status = [x[None, :]], [], "finished"
     mpc.reset()
     try:
-        for k in range(count):
-            taken = mpc.step(x, u, reference.position(k * step + nodes))
-            moved = plant.advance(x, taken.u, step, samples)
-            steps.append(taken)
-            states.append(moved)
-            x, u = moved[-1], taken.u
-            if progress is not None:
-                progress(k + 1, count)
+        with InterruptLater() as interrupt:
+            for k in range(count):
+                taken = mpc.step(x, u, reference.position(k * step + nodes))
+                moved = plant.advance(x, taken.u, step, samples)
+                steps.append(taken)
+                states.append(moved)
+                x, u = moved[-1], taken.u
+                if progress is not None:
+                    progress(k + 1, count)
+                if interrupt.asked:
+                    status = "interrupted"
+                    break
     except KeyboardInterrupt:
         status = "interrupted"
     except IntegrationError as error:
@@ -95,7 +100,8 @@ def _result(
     n, per_step = model.strains, round(mpc.ocp.step / sample)
     states = states[: 1 + len(steps) * per_step]
     time = sample * np.arange(len(states))
-    tips = np.stack([np.asarray(model.frames(x[:n])[0]).T for x in states])
+    frames = model.frames.map(len(states))
+    tips = np.asarray(frames(states[:, :n].T)[0]).T.reshape(len(states), -1, 3)
     inputs = np.array([s.u for s in steps]).reshape(-1, len(model.layout.u))
     held = np.repeat(inputs, per_step, axis=0)
     held = np.vstack([held[:1], held]) if len(held) else np.zeros((1, inputs.shape[1]))

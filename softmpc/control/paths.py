@@ -150,10 +150,12 @@ class Waypoints(TipPath):
 
 def read_waypoints(path: str | File, closed: bool) -> Waypoints:
     """Waypoints from a CSV file with a header and columns x, y, z in m."""
+    if not File(path).is_file():
+        raise SceneError(f"waypoints file {path}: no such file")
     try:
         table = np.genfromtxt(path, delimiter=",", names=True, dtype=float)
-    except OSError as error:
-        raise SceneError(f"waypoints file {path}: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:
+        raise SceneError(f"waypoints file {path}: {str(error).splitlines()[0]}") from None
     names = table.dtype.names or ()
     if not {"x", "y", "z"} <= set(names):
         raise SceneError(f"waypoints file {path}: needs columns x, y, z, has {', '.join(names)}")

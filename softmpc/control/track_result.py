@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import os
+import zipfile
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softmpc.files import write_whole
+from softmpc.errors import InputError
+from softmpc.files import replacing
+from softmpc.simulation.columns import write_columns
 
 __all__ = ["TrackResult"]
 
 RESULT_SCHEMA = 1
+ARRAYS = (
+    "time", "tips", "reference", "q", "dq", "p", "control_time", "u", "step_ms", "iterations",
+)  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TrackResult:
     """A closed-loop run, SI; K samples (every millisecond), N controller steps, S sections."""
 
@@ -74,44 +80,46 @@ class TrackResult:
     def save(self, directory: str | os.PathLike[str]) -> list[Path]:
         """Write track.npz (everything), track.csv (samples) and steps.csv (controller)."""
         folder = Path(directory)
-        return [
-            write_whole(folder / "track.npz", self._write_npz),
-            write_whole(folder / "track.csv", partial(_write_csv, self._samples())),
-            write_whole(folder / "steps.csv", partial(_write_csv, self._steps())),
-        ]
+        paths = [folder / name for name in ("track.npz", "track.csv", "steps.csv")]
+        with replacing(paths[0]) as beside, open(beside, "wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **self._content())
+        write_columns(paths[1], self._samples())
+        write_columns(paths[2], self._steps())
+        return paths
 
-    def _write_npz(self, path: Path) -> None:
-        arrays = {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
-        with open(path, "wb") as file:
-            np.savez_compressed(
-                file,
-                schema=RESULT_SCHEMA,
-                title=self.title,
-                status=self.status,
-                settle=self.settle,
-                statuses=np.array(self.statuses),
-                clearance_m=np.nan if self.clearance_m is None else self.clearance_m,
-                **{f"names_{k}": np.array(v) for k, v in zip("qup", self.names, strict=True)},
-                **arrays,
-            )
+    def _content(self) -> dict[str, Any]:
+        about = {"schema": RESULT_SCHEMA, "title": self.title, "status": self.status}
+        about |= {"settle": self.settle, "statuses": self.statuses, "names": self.names}
+        about |= {"clearance_m": self.clearance_m}
+        return {"about": json.dumps(about), **{name: getattr(self, name) for name in ARRAYS}}
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> TrackResult:
+        """Read a track.npz; raises `InputError` for a file that is none."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                about = json.loads(str(file["about"]))
+                arrays = {name: file[name] for name in ARRAYS}
+        except FileNotFoundError:
+            raise InputError(f"{path}: no such file") from None
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise InputError(f"{path}: is not a saved closed-loop run: {error}") from None
+        if about.pop("schema", None) != RESULT_SCHEMA:
+            raise InputError(f"{path}: is of another version; {RESULT_SCHEMA} is known here")
+        about["names"] = tuple(tuple(names) for names in about["names"])
+        return cls(**about, **arrays)
 
     def _samples(self) -> dict[str, np.ndarray]:
-        columns = {"t": self.time}
+        columns = {"t [s]": self.time}
         for s in range(self.tips.shape[1]):
-            columns |= {f"{axis}_{s + 1}": self.tips[:, s, i] for i, axis in enumerate("xyz")}
-        columns |= {f"{axis}_reference": self.reference[:, i] for i, axis in enumerate("xyz")}
-        columns["error"] = self.error
-        for names, values in ((self.names[0], self.q), (self.names[2], self.p)):
-            columns |= {name: values[:, i] for i, name in enumerate(names)}
-        return columns
+            columns |= {f"{axis}_{s + 1} [m]": self.tips[:, s, i] for i, axis in enumerate("xyz")}
+        columns |= {f"{axis}_reference [m]": self.reference[:, i] for i, axis in enumerate("xyz")}
+        columns["error [m]"] = self.error
+        columns |= dict(zip(self.names[0], self.q.T, strict=True))
+        return columns | {f"{n} [Pa]": p for n, p in zip(self.names[2], self.p.T, strict=True)}
 
     def _steps(self) -> dict[str, np.ndarray]:
-        columns = {"t": self.control_time, "step_ms": self.step_ms, "iterations": self.iterations}
-        columns |= {name: self.u[:, i] for i, name in enumerate(self.names[1])}
-        solved = np.array([status == "solved" for status in self.statuses], dtype=float)
-        return columns | {"solved": solved}
-
-
-def _write_csv(columns: dict[str, np.ndarray], path: Path) -> None:
-    table = np.column_stack([np.asarray(c, float) for c in columns.values()])
-    np.savetxt(path, table, "%.9g", ",", header=",".join(columns), comments="")
+        columns = {"t [s]": self.control_time, "step [ms]": self.step_ms}
+        columns |= {"iterations": self.iterations}
+        columns |= dict(zip(self.names[1], self.u.T, strict=True))
+        return columns | {"solved": np.array([int(s == "solved") for s in self.statuses])}

@@ -63,15 +63,16 @@ class Section:
         toml="section_angles_deg",
     )
     linear_damping: float = quantity(
-        0.6, unit="N·s/m", source="assumed: d_v is not printed", low=0.0, high=1e6,
+        4.5, unit="N·s/m", source="fitted: settling times of Figs 6 and 7", low=0.0, high=1e6,
         doc="environment damping d_v (24), force by velocity",
     )
     angular_damping: float = quantity(
-        0.002, unit="N·m·s/rad", source="assumed: d_ω is not printed", low=0.0, high=1e6,
+        0.002, unit="N·m·s/rad", source="fitted: settling times of Figs 6 and 7",
+        low=0.0, high=1e6,
         doc="environment damping d_ω (24), moment by angular velocity",
     )
     viscosity: float = quantity(
-        4.0e3, unit="Pa·s", source="assumed: not in the paper", low=0.0, high=1e10,
+        1.0e4, unit="Pa·s", source="fitted: settling times of Figs 6 and 7", low=0.0, high=1e10,
         doc="Kelvin-Voigt modulus of the wall (material damping)",
     )
     # fmt: on

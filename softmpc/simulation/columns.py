@@ -87,7 +87,8 @@ def _numbers(path: Path_, names: list[str], line: int, row: list[str]) -> list[f
         except ValueError:
             number = np.nan
         if not np.isfinite(number):
-            raise InputError(f"{path}, line {line}, {name} = {cell.strip()!r}: must be a finite number")
+            where = f"{path}, line {line}"
+            raise InputError(f"{where}, {name} = {cell.strip()!r}: must be a finite number")
         numbers.append(number)
     return numbers
 

@@ -88,8 +88,9 @@ class DriveMotion:
 
     def pressure(self, coefficients: Any, time: Any) -> Any:
         """Unit pressures (m, Pa) at a time, both symbolic."""
-        grown = [ca.exp(rate.real * time) for rate in self.rates]
+        decays, turns = self.rates.real, self.rates.imag
+        cosines = [ca.cos(turn * time) if turn else 1.0 for turn in turns]
         basis = [ca.MX(1), time]
-        basis += [g * ca.cos(r.imag * time) if r.imag else g for g, r in zip(grown, self.rates)]
-        basis += [grown[j] * ca.sin(self.rates[j].imag * time) for j in self._oscillates]
+        basis += [ca.exp(decays[j] * time) * cosines[j] for j in range(len(decays))]
+        basis += [ca.exp(decays[j] * time) * ca.sin(turns[j] * time) for j in self._oscillates]
         return ca.reshape(coefficients, len(self.drive.C), len(basis)) @ ca.vertcat(*basis)

@@ -106,8 +106,8 @@ class Idas:
         duration, states, highest = p[0], x * x_scale, a * a_scale
         rates = ca.vertcat(states[n:], highest)  # of (q, dq), or of q alone
         pressure = self.drive.pressure(p[1:], duration * s)
-        second = [*ca.vertsplit(states, n), highest] if model.order == 2 else [states, highest, 0]
-        balance = _residual_with_jacobian(model)(*second, pressure) / model.layout.r.scale
+        motion = [*ca.vertsplit(states, n), highest] if model.order == 2 else [states, highest, 0]
+        balance = _residual_with_jacobian(model)(*motion, pressure) / model.layout.r.scale
         return {"t": s, "x": x, "z": a, "p": p, "ode": duration * rates / x_scale, "alg": balance}
 
     def _make(self, samples: int) -> ca.Function:
@@ -124,16 +124,16 @@ class Idas:
 
 def _residual_with_jacobian(model: Model) -> ca.Function:
     """The residual with the model's own O(n) Jacobian in place of plain differentiation."""
-    symbols = [ca.MX.sym(k, *model.residual.size_in(k)) for k in model.residual.name_in()]
     names = model.residual.name_in()
+    symbols: list[Any] = [ca.MX.sym(name, *model.residual.size_in(name)) for name in names]
     jacobian = ca.Function(
         "jac_residual",
         [*symbols, ca.MX(model.strains, 1)],
-        model.residual_jacobian(*symbols),
+        list(model.residual_jacobian(*symbols)),
         [*names, "out_r"],
         [f"jac_r_{name}" for name in names],
     )
-    options = {
+    options: dict[str, Any] = {
         "custom_jacobian": jacobian,
         "jac_penalty": 0.0,
         "never_inline": True,
@@ -155,8 +155,13 @@ def _rates_without_inertia(model: Model, q: np.ndarray, p: np.ndarray) -> np.nda
 
 
 def _require_damping(model: Model) -> None:
+    if model.order == 0:
+        raise BuildError(
+            "IDAS needs inertia or damping, this scene has neither: add an effect, or take "
+            "softmpc.simulation.following.Following"
+        )
     scale = model.layout.dq.scale
-    D = _damping(model, 0.1 * model.layout.q.scale) * np.outer(scale, scale)
+    D = _damping(model, np.zeros(model.strains)) * np.outer(scale, scale)
     if np.linalg.matrix_rank(D) < len(D):
         raise BuildError(
             "without inertia IDAS needs damping in every strain: add the effect "

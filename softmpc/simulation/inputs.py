@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -197,13 +196,13 @@ def _check_finite(move: Step | Ramp) -> None:
 
 def _curve(moves: list[Step | Ramp]) -> Curve:
     """Knots of one unit's moves, one after the other."""
-    times, values = [0.0], [0.0]  # this knot only stands for a unit without moves
-    moves = sorted(moves, key=lambda move: (move.at, move.end))
-    for last, move in pairwise([None, *moves]):
+    times, values, last = [0.0], [0.0], None  # this knot only stands for a unit without moves
+    for move in sorted(moves, key=lambda move: (move.at, move.end)):
         if last and (move.at < last.end or move.end == last.at):
             raise InputError(f"{move}: is at the same time as {last}")
         times += [move.at, move.end]
         values += [values[-1], move.value(values[-1])]
+        last = move
     first = 1 if moves else 0
     return Curve(np.array(times[first:]), np.array(values[first:]))
 

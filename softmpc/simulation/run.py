@@ -98,7 +98,7 @@ def start_state(
     if start == "rest":
         rest = find_equilibrium(model, (drive.C @ z + drive.D @ u).tolist())
         if not rest.converged:
-            raise IntegrationError(f"no rest to start from ({rest.status}): take start = 'straight'")
+            raise IntegrationError(f"no rest to start from: {rest.status}; take start = 'straight'")
         q = rest.q
     return np.concatenate([q, np.zeros(model.strains), z])
 

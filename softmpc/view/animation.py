@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.errors import InputError
+from softmpc.files import write_whole
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
 from softmpc.view.style import ALARM, INK, figure, styled
 
@@ -49,10 +48,10 @@ def animate(
         if progress:
             progress(done, count)
     seconds = (time[-1] - time[0]) / max(count - 1, 1)
-    written = [_whole(path, lambda beside: _write_gif(frames, beside, seconds))]
+    written = [write_whole(path, lambda beside: _write_gif(frames, beside, seconds))]
     if shutil.which("ffmpeg"):
         movie = path.with_suffix(".mp4")
-        written.append(_whole(movie, lambda beside: _write_mp4(frames, beside, seconds)))
+        written.append(write_whole(movie, lambda beside: _write_mp4(frames, beside, seconds)))
     return written
 
 
@@ -114,17 +113,4 @@ def _write_mp4(frames: list[np.ndarray], path: Path, seconds: float) -> None:
     target = "-c:v libx264 -pix_fmt yuv420p -movflags +faststart -f mp4"
     command = ["ffmpeg", "-loglevel", "error", "-y", *source.split(), *target.split(), str(path)]
     data = b"".join(frame.tobytes() for frame in frames)
-    done = subprocess.run(command, input=data, capture_output=True, check=False)
-    if done.returncode:
-        raise InputError(f"ffmpeg could not write {path.name}: {done.stderr.decode()[-200:]}")
-
-
-def _whole(path: Path, write: Callable[[Path], None]) -> Path:
-    """Write beside the place, then rename: a crash leaves the last good file."""
-    beside = path.with_name(f".{os.getpid()}.{path.name}")
-    try:
-        write(beside)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-    return path
+    subprocess.run(command, input=data, capture_output=True, check=True)

@@ -7,13 +7,12 @@ pyplot: nothing global is left behind, and no display is needed.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from softmpc.errors import InputError
+from softmpc.files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +76,7 @@ def figure(width: float, height: float, title: str = "", layout: str = "constrai
     made = Figure((width, height), dpi=DPI, layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(made)
     if title:
-        made.suptitle(title)
+        made.suptitle(title.replace("$", r"\$"))  # no formulas
     return made
 
 
@@ -107,13 +106,5 @@ def dash(index: int) -> Any:
 
 @styled
 def save_figure(made: Figure, path: Path) -> Path:
-    """Write a figure beside its place, then rename: a crash leaves the last good one."""
-    beside = path.with_name(f".{os.getpid()}.{path.name}")
-    try:
-        made.savefig(beside)
-        beside.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        beside.unlink(missing_ok=True)
-    return path
+    """Write a figure; a crash leaves the last good one."""
+    return write_whole(path, made.savefig)

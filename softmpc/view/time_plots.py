@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from softmpc.model.parameters import Manipulator
 
 __all__ = [
-    "draw_pressures", "draw_solve_times", "draw_torques", "inputs_figure", "plain_log",
+    "draw_pressures", "draw_solve_times", "draw_torques", "errors_figure", "inputs_figure", "plain_log",
     "solve_times_figure", "strains_figure", "tips_figure",
 ]  # fmt: skip
 
@@ -107,6 +107,20 @@ def solve_times_figure(
     """How long each step of the controller took."""
     made, axes = panels(1, title, 2.6)
     draw_solve_times(axes[0], time, step_ms, budget_ms)
+    _finish(axes)
+    return made
+
+
+@styled
+def errors_figure(time: np.ndarray, errors: np.ndarray, title: str = "Distance of tips") -> Figure:
+    """ERR_i of Eq. (37) for each section (K×S, m), and their sum."""
+    made, axes = panels(1, title, 2.8)
+    for s, error in enumerate(errors.T):
+        axes[0].plot(time, 1e3 * error, color=colour(s), linestyle=dash(s), label=f"section {s + 1}")
+    if errors.shape[1] > 1:
+        total = 1e3 * errors.sum(axis=1)
+        axes[0].plot(time, total, color=INK, linewidth=0.9, label="sum of sections")
+    label(axes[0], TIME, "distance (mm)")
     _finish(axes)
     return made
 

@@ -1,0 +1,178 @@
+"""What all commands share: options, answers, progress, logging.
+
+A command returns an `Answer`; `answering` prints it, for people or as one JSON object, writes it
+to the folder of results and turns it into the exit status. Nothing else writes to stdout.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from softmpc.model.scene import Scene
+
+__all__ = [
+    "INTERRUPTED", "NOT_CONVERGED", "OK", "WRONG_INPUT", "Answer", "Numbers", "animation_option",
+    "answering", "as_json", "load", "notice", "progress", "scene_argument", "table",
+    "write_text",
+]  # fmt: skip
+
+OK, WRONG_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 2, 3, 130
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command found: `data` for programs, `text` for people, and how it ended."""
+
+    data: dict[str, Any]
+    text: str
+    status: int = OK
+    problem: str = ""  # one line for stderr where the status is not OK
+
+
+def answering(name: str) -> Callable[[Callable[..., Answer]], Callable[..., int]]:
+    """Give a command function --json, --out and --verbose; it gets `out`, a folder or None."""
+
+    def decorate(function: Callable[..., Answer]) -> Callable[..., int]:
+        @click.option("--json", "as_object", is_flag=True, help="Print one JSON object.")
+        @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help=f"Write {name}.json and all other results to this folder.")
+        @click.option("-v", "--verbose", count=True, help="Say what is being done; -vv: all of it.")
+        @wraps(function)
+        def run(as_object: bool, out: Path | None, verbose: int, **given: Any) -> int:
+            _log_to_stderr(verbose)
+            if out:
+                _make_folder(out)
+            with redirect_stdout(sys.stderr):  # libraries that print do not spoil the answer
+                answer = function(out=out, **given)
+                if out:
+                    write_text(out / f"{name}.json", as_json(answer.data, indent=2))
+            click.echo(as_json(answer.data) if as_object else answer.text)
+            if answer.problem:
+                notice(f"error: {answer.problem}")
+            return answer.status
+
+        return run
+
+    return decorate
+
+
+scene_argument = click.argument("scene", type=click.Path(path_type=Path), metavar="SCENE")
+animation_option = click.option(
+    "--animate/--no-animate", default=True, show_default=True,
+    help="Whether --out gets a GIF of the motion, and an MP4 where ffmpeg is installed.",
+)  # fmt: skip
+
+
+class Numbers(click.ParamType):
+    """Finite numbers separated by commas."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> list[float]:
+        """The numbers of a text such as 0.6,0,0."""
+        numbers = []
+        for position, item in enumerate(value.split(","), 1):
+            try:
+                numbers.append(float(item))
+            except ValueError:
+                self.fail(f"{item.strip()!r} (value {position}) is not a number", param, ctx)
+            if not math.isfinite(numbers[-1]):
+                self.fail(f"{item.strip()} (value {position}) is not a finite number", param, ctx)
+        return numbers
+
+
+def load(path: Path) -> tuple[str, Scene]:
+    """Title and scene of a scene file; the title is the file's name where it has none."""
+    from softmpc.errors import errors_in
+    from softmpc.model.scene_file import read_document, scene_from_dict
+
+    document = read_document(path)
+    with errors_in(path):
+        return document.get("title") or path.stem, scene_from_dict(document)
+
+
+def notice(line: str) -> None:
+    """One line on stderr."""
+    click.echo(line, err=True)
+
+
+@contextmanager
+def progress(what: str, unit: str = "step") -> Iterator[Progress]:
+    """A progress bar on stderr; call what is yielded with how much is done, and of how much."""
+    from tqdm import tqdm
+
+    pause = 0.1 if sys.stderr.isatty() else 5.0
+    with tqdm(desc=what, unit=unit, file=sys.stderr, mininterval=pause) as bar:
+
+        def report(done: float, total: float) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield report
+
+
+def table(rows: Sequence[tuple[str, object]]) -> str:
+    """Names and values in two columns."""
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}".rstrip() for name, value in rows)
+
+
+def as_json(data: Any, indent: int | None = None) -> str:
+    """JSON of plain data and NumPy values; what is not finite becomes null."""
+    return json.dumps(_plain(data), indent=indent, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file; a crash leaves the last good one."""
+    from softmpc.files import write_whole
+
+    write_whole(path, lambda beside: beside.write_text(text + "\n", encoding="utf-8"))
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise click.BadParameter(f"cannot make the folder {path}: {error.strerror}", param_hint="--out") from None
+    if not os.access(path, os.W_OK):
+        raise click.BadParameter(f"cannot write to the folder {path}", param_hint="--out")
+
+
+class _Stderr(logging.Handler):
+    """Log lines go to stderr as it is at that moment."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        notice(self.format(record))
+
+
+def _log_to_stderr(verbose: int) -> None:
+    handler = _Stderr()
+    handler.setFormatter(logging.Formatter("%(levelname)s %(name)s: %(message)s"))
+    log = logging.getLogger("softmpc")
+    log.handlers = [handler]
+    log.setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)])

@@ -1,0 +1,456 @@
+"""Open-loop simulation against independent solvers, energy, statics and the paper's motions."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from arms import MIXED, PAPER, model_of
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
+
+from softmpc.errors import BuildError, InputError
+from softmpc.model.actuation import HydraulicDrive, PressureDrive, StaticDrive
+from softmpc.model.effects import (
+    EnvironmentDamping,
+    Gravity,
+    Inertia,
+    MaterialDamping,
+    TipLoad,
+)
+from softmpc.model.formulations import NewtonEuler
+from softmpc.model.model import Model
+from softmpc.model.parameters import Hydraulics
+from softmpc.simulation.compare import compare, read_tips
+from softmpc.simulation.drive_motion import DriveMotion
+from softmpc.simulation.following import Following
+from softmpc.simulation.idas import Idas
+from softmpc.simulation.inputs import InputProfile, Ramp, Step
+from softmpc.simulation.integrator import IntegrationError
+from softmpc.simulation.result import Simulation
+from softmpc.simulation.run import integrator_for, simulate, simulate_file, start_state
+from softmpc.statics.equilibrium import find_equilibrium, pressures_from_torques
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+MODEL = model_of()
+BENT = InputProfile.of(6, [Step(unit, 0.0, 1.5) for unit in (1, 5, 6)])
+DAMPED: tuple[Any, ...] = (Gravity(), EnvironmentDamping(), MaterialDamping())
+TORQUES = np.array([1.5, 0.2, 0.5, 0.0, 1.5, 1.2])
+
+
+@cache
+def example(name: str) -> Simulation:
+    return simulate_file(EXAMPLES / f"{name}.toml")
+
+
+def settling_time(motion: Simulation) -> float:
+    """Time after which the arm's tip stays within 2 % of its travel around where it ends."""
+    tip = motion.tips[:, -1]
+    away = np.linalg.norm(tip - tip[-1], axis=1)
+    return float(motion.time[np.flatnonzero(away > 0.02 * away[0])[-1]])
+
+
+# --- the drive alone -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"piston_mass": 50.0, "bulk_modulus": 2e7}, {"piston_damping": 0.0, "tube_length": 0.01}],
+    ids=["paper", "oscillating", "fast tube"],
+)
+def test_drive_in_closed_form(changes: dict[str, float]) -> None:
+    drive = HydraulicDrive().matrices(replace(MIXED, hydraulics=Hydraulics(**changes)))
+    count = drive.B.shape[1]
+    motion = DriveMotion(drive, np.repeat([0.05, 1e6, 1e6], count))
+    rng = np.random.default_rng(3)
+    z, u, slope = rng.normal(size=3 * count) * motion.scale, rng.normal(size=count), np.ones(count)
+    law, times = motion.law(z, u, slope), np.array([1e-5, 1e-3, 0.02, 0.5])
+    found = motion.states(law, times)
+    # z, u and the slope in one linear system
+    whole = np.zeros((5 * count, 5 * count))
+    whole[: 3 * count] = np.hstack([drive.A, drive.B, np.zeros((3 * count, count))])
+    whole[3 * count : 4 * count, 4 * count :] = np.eye(count)
+    for t, row in zip(times, found, strict=True):
+        exact = (expm(whole * t) @ np.concatenate([z, u, slope]))[: 3 * count]
+        np.testing.assert_allclose(row / motion.scale, exact / motion.scale, atol=1e-9)
+    time = ca.MX.sym("t")
+    coefficients = motion.pressure_coefficients(law)
+    pressure = ca.Function("pressure", [time], [motion.pressure(ca.MX(ca.DM(coefficients)), time)])
+    symbolic = np.hstack([np.asarray(pressure(t)) for t in times]).T
+    np.testing.assert_allclose(symbolic, motion.pressures(found, 0 * found[:, :count]), rtol=1e-9)
+    assert len(coefficients) == motion.coefficients
+
+
+def test_oscillating_drive_is_one() -> None:
+    drive = HydraulicDrive().matrices(
+        replace(PAPER, hydraulics=Hydraulics(piston_mass=50.0, bulk_modulus=2e7))
+    )
+    assert np.abs(DriveMotion(drive, np.repeat([0.05, 1e6, 1e6], 6)).rates.imag).max() > 1
+
+
+# --- IDAS ----------------------------------------------------------------------------------------
+
+
+def by_scipy(model: Model, x: np.ndarray, u0: Any, u1: Any, duration: float) -> np.ndarray:
+    """State after an interval, by SciPy's Radau on the whole state-space model, drive included."""
+    scale = model.layout.x.scale
+
+    def slope(t: float, y: np.ndarray) -> np.ndarray:
+        u = u0 + (u1 - u0) * t / duration
+        return np.asarray(model.x_dot(y * scale, u)).ravel() / scale
+
+    solved = solve_ivp(slope, (0.0, duration), x / scale, "Radau", rtol=1e-9, atol=1e-11)
+    assert solved.success
+    return np.asarray(solved.y[:, -1] * scale)
+
+
+@pytest.mark.parametrize("drive", [HydraulicDrive(), StaticDrive()], ids=lambda d: d.name)
+def test_against_another_solver(drive: Any) -> None:
+    model = MODEL if drive == HydraulicDrive() else model_of(actuation=drive)
+    x, scale = start_state(model, InputProfile.of(6)), model.layout.x.scale
+    u1 = TORQUES[::-1]
+    for end in (TORQUES, u1):
+        found = Idas(model, 1e-9).advance(x, TORQUES, 0.08, u_end=end)[-1]
+        exact = by_scipy(model, x, TORQUES, end, 0.08)
+        np.testing.assert_allclose(found / scale, exact / scale, atol=2e-7)
+
+
+def test_printed_formulation_runs() -> None:
+    model = model_of(formulation=NewtonEuler())
+    x = start_state(model, InputProfile.of(6), "straight")
+    found = Idas(model).advance(x, TORQUES, 0.05)[-1]
+    exact = by_scipy(model, x, TORQUES, TORQUES, 0.05)
+    np.testing.assert_allclose(
+        found / model.layout.x.scale, exact / model.layout.x.scale, atol=1e-6
+    )
+
+
+def test_tolerance_is_kept() -> None:
+    x, scale = start_state(MODEL, BENT), MODEL.layout.x.scale
+    ends = {tol: Idas(MODEL, tol).advance(x, TORQUES, 0.3)[-1] for tol in (1e-5, 1e-7, 1e-12)}
+    errors = [np.abs((ends[tol] - ends[1e-12]) / scale).max() for tol in (1e-5, 1e-7)]
+    assert errors[0] < 1e-3
+    assert errors[1] < 1e-5
+
+
+def test_samples_lie_on_the_motion() -> None:
+    plant, x = Idas(MODEL, 1e-9), start_state(MODEL, BENT)
+    together = plant.advance(x, TORQUES, 0.2, samples=4, u_end=TORQUES / 2)
+    alone = []
+    for k in range(4):
+        u0, u1 = (TORQUES * (1 - s / 8) for s in (k, k + 1))
+        alone.append(plant.advance(alone[-1] if alone else x, u0, 0.05, u_end=u1)[-1])
+    assert together.shape == (4, 34)
+    scale = MODEL.layout.x.scale
+    np.testing.assert_allclose(together / scale, np.stack(alone) / scale, atol=2e-7)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.zeros(33), np.zeros(6), 0.1), "x has 33 values: must be 34"),
+        ((np.zeros(34), np.zeros(5), 0.1), "u has 5 values: must be 6"),
+        ((np.full(34, np.nan), np.zeros(6), 0.1), "finite"),
+        ((np.zeros(34), np.zeros(6), 0.0), "duration = 0.0 s"),
+        ((np.zeros(34), np.zeros(6), 0.1, 0), "samples = 0"),
+    ],
+)
+def test_wrong_arguments(arguments: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Idas(MODEL).advance(*arguments)
+    with pytest.raises(InputError, match="tolerance = 0"):
+        Idas(MODEL, 0)
+
+
+def test_what_cannot_move() -> None:
+    with pytest.raises(BuildError, match=r"no mass: kappa_z.*rotary_inertia"):
+        Idas(model_of(effects=(Gravity(), Inertia())))
+    with pytest.raises(BuildError, match="neither"):
+        Idas(model_of(effects=(Gravity(),)))
+    arm = replace(PAPER, sections=tuple(replace(s, angular_damping=0.0) for s in PAPER.sections))
+    with pytest.raises(BuildError, match="damping in every strain"):
+        Idas(model_of(arm, effects=(Gravity(), EnvironmentDamping())))
+
+
+# --- runs ----------------------------------------------------------------------------------------
+
+
+def test_breakpoints_are_hit() -> None:
+    """Between samples as well; the reference is cut there by hand."""
+    moves = [Step(1, 0.0123, 1.5), Ramp(4, 0.02, 0.0471, 30.0), Step(5, 0.05, 1.0)]
+    profile = InputProfile.of(6, moves)
+    run = simulate(MODEL, profile, 0.1, sample_time=0.03, tolerance=1e-9)
+    assert run.time.tolist() == [0.0, 0.03, 0.06, 0.09, 0.1]
+    x, plant = start_state(MODEL, profile), Idas(MODEL, 1e-10)
+    for a, b in ((0, 0.0123), (0.0123, 0.02), (0.02, 0.0471), (0.0471, 0.05), (0.05, 0.1)):
+        x = plant.advance(x, profile(a), b - a, u_end=profile.before(b))[-1]
+    scale = MODEL.layout.x.scale
+    np.testing.assert_allclose(run.x[-1] / scale, x / scale, atol=2e-7)
+    np.testing.assert_allclose(run.u, profile(run.time))
+    np.testing.assert_allclose(run.p[-1], x[-12:-6])
+
+
+def test_result_is_complete() -> None:
+    seen: list[tuple[float, float]] = []
+    run = simulate(
+        MODEL, BENT, 0.6, sample_time=0.002, progress=lambda *a: seen.append(a), title="bend"
+    )
+    assert run.finished
+    assert run.title == "bend"
+    assert (run.q.shape, run.z.shape, run.p.shape) == ((301, 8), (301, 18), (301, 6))
+    assert (run.tips.shape, run.tip_speeds.shape) == ((301, 2, 3), (301, 2))
+    assert seen[-1] == (0.6, 0.6)
+    assert [t for t, _ in seen] == sorted(t for t, _ in seen)
+    np.testing.assert_allclose(run.tips[-1].T, np.asarray(MODEL.frames(run.q[-1])[0]))
+    velocity = CubicSpline(run.time, run.tips).derivative()(run.time)
+    np.testing.assert_allclose(run.tip_speeds[9:], np.linalg.norm(velocity, axis=2)[9:], atol=1e-4)
+    summary = run.summary()
+    assert summary["realtime_factor"] == pytest.approx(0.6 / summary["wall_s"])
+    assert set(summary["final_energy_j"]) == {"kinetic", "gravity", "elastic"}
+
+
+def test_energy_audit_closes() -> None:
+    run = simulate(MODEL, BENT, 0.4, sample_time=5e-4, tolerance=1e-10)
+    stored = sum(run.energies.values())
+    powers = MODEL.powers.map(len(run.time)).call({"q": run.q.T, "dq": run.dq.T, "p": run.p.T})
+    put_in = CubicSpline(run.time, sum(np.asarray(p).ravel() for p in powers.values()))
+    work = put_in.antiderivative()(run.time)
+    turned_over = np.abs(work).max()
+    assert turned_over > 0.1
+    np.testing.assert_allclose(stored - stored[0], work, atol=1e-6 * turned_over)
+
+
+def test_conservative_arm_keeps_its_energy() -> None:
+    frictionless = tuple(
+        replace(s, linear_damping=0.0, angular_damping=0.0, viscosity=0.0) for s in PAPER.sections
+    )
+    model = model_of(replace(PAPER, sections=frictionless))
+    run = simulate(model, InputProfile.of(6), 2.0, start="straight", tolerance=1e-10)
+    total = sum(run.energies.values())
+    assert np.ptp(run.energies["kinetic"]) > 0.005
+    np.testing.assert_allclose(total, total[0], atol=1e-6 * np.ptp(run.energies["kinetic"]))
+
+
+def test_motion_ends_at_the_equilibrium() -> None:
+    run = example("step_fig6")
+    torques = [1.5, 0, 0, 0, 1.5, 1.5]
+    rest = find_equilibrium(MODEL, pressures_from_torques(MODEL, torques).tolist())
+    np.testing.assert_allclose(run.final_tips, rest.tips, atol=1e-5)
+    np.testing.assert_allclose(run.p[-1], rest.pressures, atol=1.0)
+
+
+def test_rest_stays_at_rest() -> None:
+    run = simulate(MODEL, InputProfile.constant(TORQUES), 1.0)
+    np.testing.assert_allclose(run.q, np.tile(run.q[0], (len(run.time), 1)), atol=1e-6)
+    assert run.tip_speeds.max() < 1e-7
+    assert run.p[0] == pytest.approx(pressures_from_torques(MODEL, TORQUES.tolist()))
+
+
+def test_run_goes_on_from_a_state() -> None:
+    whole = simulate(MODEL, BENT, 0.2, tolerance=1e-10)
+    first = simulate(MODEL, BENT, 0.1, tolerance=1e-10)
+    held = InputProfile.constant(first.u[-1])
+    second = simulate(MODEL, held, 0.1, tolerance=1e-10, start=first.x[-1])
+    np.testing.assert_allclose(second.tips[-1], whole.tips[-1], atol=1e-8)
+
+
+@pytest.mark.parametrize("segments", [2, 3])
+def test_more_segments(segments: int) -> None:
+    model = model_of(segments=segments)
+    run = simulate(model, BENT, 0.1)
+    assert run.finished
+    assert compare(run, simulate(MODEL, BENT, 0.1)).largest_sectional < 0.03
+
+
+# --- without inertia -----------------------------------------------------------------------------
+
+
+def test_damped_arm_without_inertia() -> None:
+    model = model_of(effects=DAMPED)
+    run = simulate(model, BENT, 4.0, sample_time=0.02)
+    assert model.order == 1
+    assert isinstance(integrator_for(model), Idas)
+    forces = np.asarray(model.residual.map(len(run.time))(run.q.T, run.dq.T, 0, run.p.T))
+    np.testing.assert_allclose(forces / model.layout.r.scale[:, None], 0.0, atol=1e-5)
+    np.testing.assert_allclose(run.q[-1], example("step_fig6").q[-1], atol=2e-4)
+    slopes = CubicSpline(run.time, run.q).derivative()(run.time)
+    np.testing.assert_allclose(run.dq[20:], slopes[20:], atol=1e-2)
+
+
+def test_arm_that_follows_at_once() -> None:
+    model = model_of(effects=(Gravity(),))
+    run = simulate(model, BENT, 0.3, sample_time=0.002)
+    assert model.order == 0
+    assert isinstance(integrator_for(model), Following)
+    for k in (0, 10, 150):
+        rest = find_equilibrium(model, run.p[k].tolist())
+        np.testing.assert_allclose(run.q[k], rest.q, atol=1e-9)
+    slopes = CubicSpline(run.time, run.q).derivative()(run.time)
+    np.testing.assert_allclose(run.dq[20:-5], slopes[20:-5], atol=1e-2)
+
+
+def test_pressures_given_directly() -> None:
+    model = model_of(effects=(Gravity(),), actuation=PressureDrive())
+    run = simulate(model, InputProfile.of(6, [Ramp(1, 0.0, 1.0, 0.5e6)]), 1.0, sample_time=0.1)
+    assert run.z.shape == (11, 0)
+    np.testing.assert_allclose(run.p[:, 0], 0.5e6 * run.time)
+
+
+# --- what goes wrong on the way ------------------------------------------------------------------
+
+
+def test_interrupted_run_keeps_what_was_done() -> None:
+    def stop(t: float, duration: float) -> None:
+        if t > 1.0:
+            raise KeyboardInterrupt
+
+    run = simulate(MODEL, BENT, 3.0, progress=stop)
+    assert run.status == "interrupted"
+    assert 1.0 < run.time[-1] < 3.0
+    assert len(run.tips) == len(run.time)
+
+
+def test_control_c_ends_between_two_calls() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    run = simulate(MODEL, BENT, 3.0, progress=lambda t, d: os.kill(os.getpid(), signal.SIGINT))
+    assert run.status == "interrupted"
+    assert run.time[-1] == 0.5
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_squeezed_arm_stops_with_what_was_done() -> None:
+    crushed = (*MODEL.scene.effects, TipLoad(force=(0.0, 0.0, -3000.0)))
+    model = model_of(effects=crushed)
+    run = simulate(model, InputProfile.of(6), 1.0, start="straight", sample_time=1e-3)
+    assert run.status.startswith("stopped: ")
+    assert "after t = 0.0" in run.status
+    assert 0.0 < run.time[-1] < 0.1
+    assert run.q[:, 0].min() > -0.95
+    with pytest.raises(IntegrationError, match="no rest to start from"):
+        simulate(model, InputProfile.of(6), 1.0)
+
+
+def test_failing_integrator_keeps_samples_before_the_failure(monkeypatch: Any) -> None:
+    steps = Idas.advance
+
+    def fail_late(self: Idas, x: Any, u: Any, span: float, samples: int, u_end: Any) -> np.ndarray:
+        fail_late.time += span  # type: ignore[attr-defined]
+        if samples > 1 or fail_late.time > 0.755:  # type: ignore[attr-defined]
+            fail_late.time -= span  # type: ignore[attr-defined]
+            raise IntegrationError("IDAS: too much work")
+        return steps(self, x, u, span, samples, u_end)
+
+    fail_late.time = 0.0  # type: ignore[attr-defined]
+    monkeypatch.setattr(Idas, "advance", fail_late)
+    run = simulate(MODEL, BENT, 1.0, tolerance=1e-5)
+    assert run.status == "stopped: IDAS: too much work, after t = 0.75 s"
+    assert run.time[-1] == 0.75
+
+
+def test_idas_gives_its_reason(monkeypatch: Any) -> None:
+    monkeypatch.setattr("softmpc.simulation.idas.MOST_STEPS", 5)
+    with pytest.raises(IntegrationError, match="IDAS: too much work"):
+        Idas(MODEL).advance(np.zeros(34), TORQUES, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"duration": 0.0}, "duration = 0.0 s: must be above 0"),
+        ({"duration": 1.0, "sample_time": float("nan")}, "sample_time = nan s"),
+        ({"duration": 1.0, "start": "upright"}, "start = 'upright': must be one of rest, straight"),
+        ({"duration": 1.0, "start": np.zeros(3)}, "x has 3 values"),
+        ({"duration": 1.0, "tolerance": 1.0}, "tolerance = 1.0"),
+    ],
+)
+def test_wrong_runs(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        simulate(MODEL, BENT, **arguments)
+
+
+# --- files ---------------------------------------------------------------------------------------
+
+
+def test_npz_round_trip(tmp_path: Path) -> None:
+    run = example("step_fig6")
+    csv_file, npz_file = run.save(tmp_path / "new")
+    assert {csv_file.name, npz_file.name} == {f.name for f in (tmp_path / "new").iterdir()}
+    back = Simulation.load(npz_file)
+    assert back.summary() == run.summary()
+    assert (back.title, back.titles) == (run.title, run.titles)
+    for name, column in run.columns().items():
+        np.testing.assert_array_equal(back.columns()[name], column)
+
+
+def test_csv_has_every_column_and_compares(tmp_path: Path) -> None:
+    run = example("step_fig6")
+    file, _ = run.save(tmp_path)
+    with open(file, encoding="utf-8") as lines:
+        header = next(csv.reader(lines))
+    wanted = {"t [s]", "x_2 [m]", "epsilon_1_1", "kappa_y_2_1 [1/m]", "d_kappa_y_2_1 [1/m/s]"}
+    assert wanted | {"T_6 [N·m]", "P_1 [Pa]", "P_a_1 [Pa]", "kinetic_energy [J]"} <= set(header)
+    assert compare(run, read_tips(file)).largest_cumulative == 0.0
+
+
+def test_wrong_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        Simulation.load(tmp_path / "none.npz")
+    file = tmp_path / "bad.npz"
+    file.write_text("t,x_1\n")
+    with pytest.raises(InputError, match="is not a saved simulation"):
+        Simulation.load(file)
+    np.savez(file, about='{"schema": 99}')
+    with pytest.raises(InputError, match="is not a saved simulation"):
+        Simulation.load(file)
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        example("step_fig6").save(tmp_path / "taken")
+
+
+# --- the paper's motions -------------------------------------------------------------------------
+
+
+def test_settling_times_are_those_of_the_paper() -> None:
+    assert settling_time(example("step_fig6")) < 1.0
+    assert settling_time(example("step_fig7")) < 1.5
+
+
+def test_steps_oscillate_and_ramps_hardly() -> None:
+    """Figs 6, 7 against Fig. 8, and Fig. 12 against Fig. 14: how far the tip swings too far."""
+    overshoot = {}
+    for name in ("step_fig6", "step_fig7", "ramp_fig8", "step_fig12", "ramp_fig14"):
+        run = example(name)
+        x = run.tips[:, -1, 0]
+        overshoot[name] = (np.abs(x).max() - abs(x[-1])) / abs(x[-1])
+    assert overshoot["step_fig7"] > 0.1
+    assert overshoot["ramp_fig8"] < overshoot["step_fig6"] / 2
+    assert run.finished
+
+
+def test_fig6_stays_in_a_plane_and_fig7_bends_both_ways() -> None:
+    plane = example("step_fig6")
+    assert np.abs(plane.tips[:, :, 1]).max() < 1e-6
+    names = plane.titles["q"]
+    ky = [names.index(f"kappa_y_{s}_1 [1/m]") for s in (1, 2)]
+    assert np.all(plane.q[-1, ky] < -1)
+    first, second = example("step_fig7").q[-1, ky]
+    assert first < -1
+    assert second > 1
+
+
+def test_examples_follow_the_paper() -> None:
+    at = {"ramp_fig8": 2.5, "step_fig12": 6.0, "ramp_fig14": 7.0}
+    torques = {name: example(name).u[round(100 * t)] for name, t in at.items()}
+    np.testing.assert_allclose(torques["ramp_fig8"], [0, 0, 0, 0, 0.75, 0.75], atol=1e-12)
+    np.testing.assert_allclose(torques["step_fig12"], [1.5, 0, 0, 1.5, 0, 0])
+    np.testing.assert_allclose(torques["ramp_fig14"], [0.75, 0, 0, 1.5, 0, 0], atol=1e-12)
+    assert [example(name).duration_s for name in at] == [10.0] * 3
