@@ -62,7 +62,8 @@ def run(page: Path) -> list[tuple[Block, Block | None, str]]:
     namespace: dict[str, object] = {"__name__": "__main__"}
     done = []
     for block, expected in outputs(page.read_text(encoding="utf-8")):
-        code = compile("\n" * (block.line - 1) + block.body, str(page), "exec")
+        source = "\n" * (block.line - 1) + block.body
+        code = compile(source, str(page), "exec", dont_inherit=True)
         with contextlib.redirect_stdout(io.StringIO()) as printed:
             exec(code, namespace)
         done.append((block, expected, printed.getvalue()))

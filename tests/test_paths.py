@@ -32,7 +32,9 @@ def test_figure_eight_is_as_wide_and_high_as_asked_and_crosses_its_center() -> N
     places = FigureEight(CENTER, 0.08, 0.04).position(PHASE)
     assert np.ptp(places, axis=0) == pytest.approx([0.08, 0.04, 0], abs=1e-5)
     for phase in (0.0, 0.5, 1.0):
-        assert FigureEight(CENTER, 0.08, 0.04).position(np.array([phase]))[0] == pytest.approx(CENTER)
+        assert FigureEight(CENTER, 0.08, 0.04).position(np.array([phase]))[0] == pytest.approx(
+            CENTER
+        )
 
 
 def test_helix_rises_by_its_pitch_a_lap_and_line_returns() -> None:

@@ -8,7 +8,13 @@ from scipy.integrate import solve_ivp
 from softmpc.control.costs import StrainRate, TipPosition, Torque, TorqueRate
 from softmpc.control.discretise import held_input
 from softmpc.control.ipopt import Ipopt
-from softmpc.control.limits import PressureLimit, StrainLimit, TorqueLimit, TorqueRateLimit
+from softmpc.control.limits import (
+    PressureLimit,
+    StrainLimit,
+    StrokeLimit,
+    TorqueLimit,
+    TorqueRateLimit,
+)
 from softmpc.control.ocp import Ocp, tracking_problem
 from softmpc.control.transcription import Transcription
 from softmpc.errors import BuildError, InputError
@@ -69,7 +75,7 @@ EVERY_LIMIT = (
     TorqueRateLimit(-0.4, 0.4),
     PressureLimit(0, 1e6),
     StrainLimit(-0.2, 0.8),
-)
+)  # StrokeLimit needs the drive's states and has a test of its own
 
 
 @pytest.mark.parametrize("drive", [None, StaticDrive(), PressureDrive()])
@@ -134,7 +140,9 @@ def test_both_hessians_find_the_same_optimum(model: Model) -> None:
     x, tip = at_rest(model, TORQUE)
     t = Transcription(tracking_problem(model, 5, 0.025))
     p = t.parameters(x, TORQUE, np.tile(tip + [0.003, 0.001, 0], (5, 1)))
-    found = [Ipopt(t, hessian).solve(p, t.resting(x, TORQUE)) for hessian in ("gauss-newton", "exact")]
+    found = [
+        Ipopt(t, hessian).solve(p, t.resting(x, TORQUE)) for hessian in ("gauss-newton", "exact")
+    ]
     assert all(s.solved for s in found)
     assert found[0].cost == pytest.approx(found[1].cost, rel=1e-6)
     assert t.split(found[0].w)[0] == pytest.approx(t.split(found[1].w)[0], abs=1e-3)
@@ -186,12 +194,39 @@ def _slope(f, u: np.ndarray, step: float = 1e3) -> np.ndarray:
 def test_torque_rate_limit_binds(model: Model) -> None:
     x, tip = at_rest(model, TORQUE)
     costs = (TipPosition(), Torque())
-    t = Transcription(Ocp(model, 4, 0.025, costs, (TorqueLimit(0, 2.5), TorqueRateLimit(-0.1, 0.1))))
+    t = Transcription(
+        Ocp(model, 4, 0.025, costs, (TorqueLimit(0, 2.5), TorqueRateLimit(-0.1, 0.1)))
+    )
     p = t.parameters(x, TORQUE, np.tile(tip + [0.02, 0, 0], (4, 1)))
     solved = Ipopt(t, max_iterations=300).solve(p, t.resting(x, TORQUE))
     assert solved.solved
     change = np.diff(np.vstack([TORQUE, t.split(solved.w)[0]]), axis=0)
     assert np.abs(change).max() == pytest.approx(0.1, abs=1e-4)
+
+
+def test_stroke_limit_binds_without_a_state_of_its_own(model: Model) -> None:
+    """The pistons may move 0.1 mm; the tip wants to go 20 mm lower."""
+    x, tip = at_rest(model, TORQUE)
+    low, high = (model.drive.X @ x[16:]).min() - 1e-4, (model.drive.X @ x[16:]).max() + 1e-4
+    t = Transcription(
+        Ocp(model, 6, 0.025, (TipPosition(), TorqueRate()), (StrokeLimit(low, high),))
+    )
+    p = t.parameters(x, TORQUE, np.tile(tip + [0, 0, 0.02], (6, 1)))
+    solved = Ipopt(t, max_iterations=200).solve(p, t.resting(x, TORQUE))
+    assert solved.solved
+    travel = t.split(solved.w)[2][:, 16:] @ model.drive.X.T
+    assert travel.max() == pytest.approx(high, abs=1e-6)
+    assert len(model.layout.x) == 34
+    with pytest.raises(InputError, match="no pistons"):
+        Transcription(
+            Ocp(
+                build(Scene(chen2022(), actuation=StaticDrive())),
+                2,
+                0.1,
+                (Torque(),),
+                (StrokeLimit(0, 1),),
+            )
+        ).row_bounds()
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "INTERRUPTED", "NOT_CONVERGED", "OK", "WRONG_INPUT", "Answer", "Numbers", "animation_option",
-    "answering", "as_json", "load", "notice", "progress", "scene_argument", "table",
+    "answering", "as_json", "load", "notice", "progress", "row", "scene_argument", "table",
     "write_text",
 ]  # fmt: skip
 
@@ -130,6 +130,11 @@ def table(rows: Sequence[tuple[str, object]]) -> str:
     return "\n".join(f"{name:<{width}}  {value}".rstrip() for name, value in rows)
 
 
+def row(values: Sequence[float], digits: int = 5) -> str:
+    """Numbers side by side; what rounds to zero has no sign."""
+    return "  ".join(f"{round(value, digits) + 0.0:{digits + 4}.{digits}f}" for value in values)
+
+
 def as_json(data: Any, indent: int | None = None) -> str:
     """JSON of plain data and NumPy values; what is not finite becomes null."""
     return json.dumps(_plain(data), indent=indent, allow_nan=False)
@@ -149,9 +154,10 @@ def _plain(value: Any) -> Any:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file; a crash leaves the last good one."""
-    from softmpc.files import write_whole
+    from softmpc.files import replacing
 
-    write_whole(path, lambda beside: beside.write_text(text + "\n", encoding="utf-8"))
+    with replacing(path) as beside:
+        beside.write_text(text + "\n", encoding="utf-8")
 
 
 def _make_folder(path: Path) -> None:

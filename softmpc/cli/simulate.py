@@ -15,6 +15,7 @@ from softmpc.cli.common import (
     answering,
     load,
     progress,
+    row,
     scene_argument,
     table,
 )
@@ -73,6 +74,5 @@ def _text(data: dict[str, Any]) -> str:
         ("faster than real time", f"{data['realtime_factor']:.2f} times"),
     ]
     for i, tip in enumerate(data["final_tips_m"], 1):
-        place = "  ".join(f"{value:9.5f}" for value in tip)
-        rows.append((f"final tip of section {i} (m)", place))
+        rows.append((f"final tip of section {i} (m)", row(tip)))
     return "\n".join([data["title"], table(rows)])

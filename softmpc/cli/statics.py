@@ -15,6 +15,7 @@ from softmpc.cli.common import (
     Numbers,
     answering,
     load,
+    row,
     scene_argument,
     table,
     write_text,
@@ -161,13 +162,14 @@ def _warnings(model: Model, found: Equilibrium) -> list[str]:
 def _write(out: Path, model: Model, found: Equilibrium, title: str) -> None:
     import numpy as np
 
-    from softmpc.files import write_whole
+    from softmpc.files import replacing
     from softmpc.view.posture import posture_figure
     from softmpc.view.style import save_figure
 
     write_text(out / "statics.csv", _csv(model, found))
     arrays = {"q": found.q, "p": found.pressures, "tips": found.tips, "rotations": found.rotations}
-    write_whole(out / "statics.npz", lambda beside: np.savez(beside, **arrays))
+    with replacing(out / "statics.npz") as beside:
+        np.savez(beside, allow_pickle=False, **arrays)
     state = "" if found.stable else f" ({'not stable' if found.converged else found.status})"
     save_figure(posture_figure(model, found.q, title + state), out / "posture.png")
 
@@ -186,14 +188,14 @@ def _csv(model: Model, found: Equilibrium) -> str:
 def _text(data: dict[str, Any]) -> str:
     rows: list[tuple[str, object]] = [
         ("status", data["status"] + (", stable" if data["stable"] else "")),
-        ("pressures (MPa)", _row(data["pressures_mpa"])),
+        ("pressures (MPa)", row(data["pressures_mpa"])),
     ]
     if "torques_nm" in data:
-        rows.append(("torques (N·m)", _row(data["torques_nm"])))
+        rows.append(("torques (N·m)", row(data["torques_nm"])))
     if "piston_travel_mm" in data:
-        rows.append(("piston travel (mm)", _row(data["piston_travel_mm"])))
+        rows.append(("piston travel (mm)", row(data["piston_travel_mm"])))
     for i, tip in enumerate(data["tips_m"], 1):
-        rows.append((f"tip of section {i} (m)", _row(tip)))
+        rows.append((f"tip of section {i} (m)", row(tip)))
     for s in data["segments"]:
         rows.append((
             f"section {s['section']}, segment {s['segment']}",
@@ -204,6 +206,3 @@ def _text(data: dict[str, Any]) -> str:
     rows += [("warning", text) for text in data["warnings"]]
     return "\n".join([data["title"], table(rows)])
 
-
-def _row(values: Sequence[float]) -> str:
-    return "  ".join(f"{value:9.5f}" for value in values)

@@ -12,7 +12,15 @@ import numpy as np
 from softmpc.control.stage import Stage
 from softmpc.errors import InputError
 
-__all__ = ["Limit", "PressureLimit", "Rows", "StrainLimit", "TorqueLimit", "TorqueRateLimit"]
+__all__ = [
+    "Limit",
+    "PressureLimit",
+    "Rows",
+    "StrainLimit",
+    "StrokeLimit",
+    "TorqueLimit",
+    "TorqueRateLimit",
+]
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,21 @@ class PressureLimit(Limit):
     def rows(self, stage: Stage) -> Rows:
         p = stage.model.layout.p
         return self._rows(stage.pressures, p.scale, p.names)
+
+
+@dataclass(frozen=True)
+class StrokeLimit(Limit):
+    """Travel of the pistons at the end of each interval, m; needs the hydraulic drive."""
+
+    name: ClassVar[str] = "stroke"
+
+    def rows(self, stage: Stage) -> Rows:
+        X = stage.model.drive.X
+        if len(X) == 0:
+            raise InputError("StrokeLimit: this actuation has no pistons; use 'hydraulic'")
+        names = tuple(f"x_piston_{j + 1}" for j in range(len(X)))
+        travel = ca.mtimes(ca.sparsify(ca.DM(X)), stage.z)
+        return self._rows(travel, np.abs(X) @ stage.model.layout.z.scale, names)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import casadi as ca
@@ -15,11 +16,13 @@ import numpy as np
 
 from softmpc.errors import InputError
 from softmpc.model.model import Model
-from softmpc.statics.equilibrium import Equilibrium, refine_equilibrium
+from softmpc.statics.equilibrium import Equilibrium, find_equilibrium, refine_equilibrium
 
 __all__ = ["Clearance", "Reach", "pressure_range"]
 
 FAR = 10.0  # arm lengths, a bound on the ray
+STARTS = 60  # postures to start from, made once
+TRIES = 8  # of them, the nearest, before a place counts as out of reach
 
 
 def pressure_range(model: Model) -> tuple[np.ndarray, np.ndarray]:
@@ -71,17 +74,24 @@ class Reach:
         )
 
     def posture(self, place: np.ndarray) -> Equilibrium | None:
-        """The posture of least pressure with the tip at `place` (3, m); None if out of reach."""
-        w = self._solve(place, np.array([0.0, 0.0, 1.0]), along=False)
-        if w is None:
-            return None
-        self._last = w
-        q, p = self._split(w)
-        return refine_equilibrium(self.model, np.clip(p, self.low, self.high), q)
+        """The posture of least pressure with the tip at `place` (3, m); None if none was found.
+
+        IPOPT starts from the last posture, the arm at half pressure, and a few fixed postures all
+        over the workspace, nearest first: the program is not convex, one start may miss.
+        """
+        place = np.asarray(place, float).ravel()
+        for guess in self._guesses(place):
+            w = self._solve(place, np.array([0.0, 0.0, 1.0]), guess, along=False)
+            if w is not None:
+                self._last = w
+                q, p = self._split(w)
+                return refine_equilibrium(self.model, np.clip(p, self.low, self.high), q)
+        return None
 
     def to_edge(self, place: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance (m) from a place in reach to the edge along a unit vector."""
-        w = self._solve(place, direction, along=True)
+        start = self._last if self._last is not None else self._spread[0][1]
+        w = self._solve(place, direction, start, along=True)
         return None if w is None else float(w[-1]) * self.model.scene.manipulator.length
 
     def clearance(
@@ -106,23 +116,33 @@ class Reach:
         n, layout = self.model.strains, self.model.layout
         return w[:n] * layout.q.scale, w[n:-1] * layout.p.scale
 
-    def _guess(self) -> np.ndarray:
-        """The last posture found, or the arm at half pressure."""
-        if self._last is not None:
-            return self._last
-        layout, p = self.model.layout, (self.low + self.high) / 2
-        stretch = np.array([0.2 if s.startswith("epsilon") else 0.0 for s in layout.q.names])
-        q = refine_equilibrium(self.model, p, stretch).q
-        return np.concatenate([q / layout.q.scale, p / layout.p.scale, [0.0]])
+    @cached_property
+    def _spread(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Tips and variables of some postures: half pressure, then random pressures."""
+        draws = np.random.default_rng(0).uniform(size=(STARTS, len(self.low)))
+        shares = np.vstack([np.full(len(self.low), 0.5), np.where(draws < 0.4, 0.0, draws)])
+        layout, found = self.model.layout, []
+        for share in shares:
+            rest = find_equilibrium(self.model, self.low + share * (self.high - self.low))
+            if rest.converged:
+                w = [rest.q / layout.q.scale, rest.pressures / layout.p.scale, [0.0]]
+                found.append((rest.tips[-1], np.concatenate(w)))
+        return found
 
-    def _solve(self, place: np.ndarray, direction: np.ndarray, along: bool) -> np.ndarray | None:
-        place = np.asarray(place, float).ravel()
+    def _guesses(self, place: np.ndarray) -> list[np.ndarray]:
+        near = sorted(self._spread[1:], key=lambda s: float(np.linalg.norm(s[0] - place)))
+        last = [] if self._last is None else [self._last]
+        return [*last, self._spread[0][1], *(w for _, w in near[:TRIES])]
+
+    def _solve(
+        self, place: np.ndarray, direction: np.ndarray, guess: np.ndarray, along: bool
+    ) -> np.ndarray | None:
         if place.shape != (3,) or not np.all(np.isfinite(place)):
             raise InputError(f"place = {place.tolist()}: must be three finite numbers in m")
         n, scale = self.model.strains, self.model.layout.p.scale
         free, ray = np.full(n, np.inf), FAR if along else 0.0
         found = self._solver(
-            x0=self._guess(),
+            x0=guess,
             p=np.concatenate([place, direction, [float(along)]]),
             lbx=np.concatenate([-free, self.low / scale, [0.0]]),
             ubx=np.concatenate([free, self.high / scale, [ray]]),

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.files import write_whole
+from softmpc.files import replacing
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
-from softmpc.view.style import ALARM, INK, figure, styled
+from softmpc.view.style import REFERENCE, TRACE, figure, styled
 
 if TYPE_CHECKING:
     from softmpc.model.model import Model
@@ -21,7 +21,7 @@ __all__ = ["animate"]
 
 STEP = 0.08  # s between frames; GIF counts in hundredths, many viewers take none below 0.02
 MOST_FRAMES = 300
-PIXELS = 480
+PIXELS, DOTS = 480, 120  # and dots per inch
 COLOURS = 64
 Progress = Callable[[int, int], None]
 
@@ -42,52 +42,60 @@ def animate(
     """
     count = int(np.clip((time[-1] - time[0]) / STEP, 1, MOST_FRAMES)) + 1
     picks = np.searchsorted(time, np.linspace(time[0], time[-1], count)).clip(0, len(time) - 1)
-    frames = []
-    for done, frame in enumerate(_frames(model, time[picks], q[picks], reference, title), 1):
-        frames.append(frame)
-        if progress:
-            progress(done, count)
+    frames = _render(model, time, q, picks, reference, title, progress or (lambda *_: None))
     seconds = (time[-1] - time[0]) / max(count - 1, 1)
-    written = [write_whole(path, lambda beside: _write_gif(frames, beside, seconds))]
-    if shutil.which("ffmpeg"):
-        movie = path.with_suffix(".mp4")
-        written.append(write_whole(movie, lambda beside: _write_mp4(frames, beside, seconds)))
-    return written
+    with replacing(path) as beside:
+        _write_gif(frames, beside, seconds)
+    if not shutil.which("ffmpeg"):
+        return [path]
+    movie = path.with_suffix(".mp4")
+    with replacing(movie) as beside:
+        _write_mp4(frames, beside, seconds)
+    return [path, movie]
 
 
 @styled
-def _frames(
-    model: Model, time: np.ndarray, q: np.ndarray, reference: np.ndarray | None, title: str
+def _render(
+    model: Model,
+    time: np.ndarray,
+    q: np.ndarray,
+    picks: np.ndarray,
+    reference: np.ndarray | None,
+    title: str,
+    progress: Progress,
 ) -> list[np.ndarray]:
-    return list(_draw_frames(model, time, q, reference, title))
-
-
-def _draw_frames(
-    model: Model, time: np.ndarray, q: np.ndarray, reference: np.ndarray | None, title: str
-) -> Iterator[np.ndarray]:
-    """Each moment as an image (height × width × 3)."""
+    """The moments `picks` as images (height × width × 3)."""
     arm = Arm(model)
-    shapes = [arm.sections(one) for one in q]
-    tips = np.array([shape[-1][-1] for shape in shapes])
-    made = figure(PIXELS / 120, PIXELS / 120, layout="none")
-    made.set_dpi(120)
+    tips = np.asarray(model.tip.map(len(q))(q.T)).T
+    shapes = [arm.sections(q[k]) for k in picks]
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, *([] if reference is None else [reference]), margin=1.5 * max(arm.radii))
-    axes: Any = space(made, 111, box, arm.hangs, view=(18, -64), zoom=0.94)
-    axes.set_position((0.0, 0.08, 0.98, 0.9))
-    draw_base(axes, 1.8 * max(arm.radii))
-    (trace,) = axes.plot(*tips[:1].T, color=ALARM, linewidth=1.6, zorder=8)
-    if reference is not None:
-        axes.plot(*reference.T, color=INK, linewidth=1.0, linestyle=(0, (4, 2)), zorder=9)
+    made, axes = _stage(arm, box, reference)
+    (trace,) = axes.plot(*tips[:1].T, **TRACE, zorder=9)
     clock = made.text(0.03, 0.95, "", fontsize=10)
-    for k, shape in enumerate(shapes):
+    frames = []
+    for done, (k, shape) in enumerate(zip(picks, shapes, strict=True), 1):
         moving = draw_tube(axes, shape, [0.6 * radius for radius in arm.radii])
         trace.set_data_3d(*tips[: k + 1].T)
-        clock.set_text(f"{title}   t = {time[k]:.1f} s".strip())
+        clock.set_text(f"{title}   t = {time[k]:.1f} s".strip().replace("$", r"\$"))
         made.canvas.draw()
-        yield np.asarray(made.canvas.buffer_rgba())[..., :3].copy()  # type: ignore[attr-defined]
+        frames.append(np.asarray(made.canvas.buffer_rgba())[..., :3].copy())
         for artist in moving:
             artist.remove()
+        progress(done, len(picks))
+    return frames
+
+
+def _stage(arm: Arm, box: np.ndarray, reference: np.ndarray | None) -> tuple[Any, Any]:
+    """A square figure with all that does not move."""
+    made = figure(PIXELS / DOTS, PIXELS / DOTS, layout="none")
+    made.set_dpi(DOTS)
+    axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=0.94)
+    axes.set_position((0.0, 0.08, 0.98, 0.9))
+    draw_base(axes, 1.8 * max(arm.radii))
+    if reference is not None:
+        axes.plot(*reference.T, **REFERENCE, zorder=8)
+    return made, axes
 
 
 def _write_gif(frames: list[np.ndarray], path: Path, seconds: float) -> None:

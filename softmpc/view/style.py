@@ -12,21 +12,24 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from softmpc.files import write_whole
+from softmpc.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = [
-    "COLOURS", "DASHES", "GREY", "colour", "dash", "figure", "label", "legend_right", "save_figure",
-    "styled",
+    "ALARM", "COLOURS", "DASHES", "GREY", "INK", "REFERENCE", "TRACE", "colour", "dash", "figure", "label", "legend_right", "save_figure",
+    "styled", "width",
 ]  # fmt: skip
 
 COLOURS = ("#0072B2", "#E69F00", "#117755", "#CC79A7", "#7A3B00", "#56B4E9")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 GREY, INK, ALARM = "#7F7F7F", "#222222", "#B22222"
 DPI = 150
+# A path to follow is a broad light band, and what was done a thin line upon it.
+REFERENCE = {"color": "#BDBDBD", "linewidth": 4.0, "solid_capstyle": "round"}
+TRACE = {"color": ALARM, "linewidth": 1.3}
 SETTINGS: dict[str, Any] = {
     "font.size": 9,
     "axes.labelsize": 9,
@@ -104,7 +107,14 @@ def dash(index: int) -> Any:
     return DASHES[index % len(DASHES)]
 
 
+def width(section: int) -> float:
+    """Line width of a section: what is drawn later is thinner and does not hide the rest."""
+    return max(0.8, 1.8 - 0.7 * section)
+
+
 @styled
 def save_figure(made: Figure, path: Path) -> Path:
     """Write a figure; a crash leaves the last good one."""
-    return write_whole(path, made.savefig)
+    with replacing(path) as beside:
+        made.savefig(beside)
+    return path

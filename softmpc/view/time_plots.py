@@ -14,12 +14,14 @@ from softmpc.view.style import (
     ALARM,
     GREY,
     INK,
+    REFERENCE,
     colour,
     dash,
     figure,
     label,
     legend_right,
     styled,
+    width,
 )
 
 if TYPE_CHECKING:
@@ -42,6 +44,7 @@ STRAIN_LABELS = {
     "kappa_y": ("bending about y", "κy (1/m)", 1.0),
     "kappa_z": ("twist", "κz (1/m)", 1.0),
 }
+LEAST = 1e-2  # of m, % or 1/m: what is smaller is rounding, and not blown up
 
 
 def panels(count: int, title: str, height: float = 1.85) -> tuple[Figure, list[Axes]]:
@@ -58,11 +61,13 @@ def tips_figure(
     """Coordinates of the section tips (K×S×3, m); `reference` (K×3) is what the last one follows."""
     made, axes = panels(3, title)
     for k, (one, name) in enumerate(zip(axes, "xyz", strict=True)):
-        for s in range(tips.shape[1]):
-            one.plot(time, tips[:, s, k], color=colour(s), linestyle=dash(s), label=f"section {s + 1}")
         if reference is not None:
-            one.plot(time, reference[:, k], color=INK, linewidth=0.9, linestyle=(0, (1, 1.5)), label="reference")
+            one.plot(time, reference[:, k], **REFERENCE, label="reference")
+        for s in range(tips.shape[1]):
+            look = {"color": colour(s), "linestyle": dash(s), "linewidth": width(s)}
+            one.plot(time, tips[:, s, k], **look, label=f"section {s + 1}")
         label(one, TIME, f"{name} (m)")
+        _show_at_least(one)
     _finish(axes)
     return made
 
@@ -80,8 +85,10 @@ def strains_figure(model: Model, time: np.ndarray, q: np.ndarray, title: str = "
             s, part = divmod(i, scene.segments)
             text = f"section {s + 1}" + (f", segment {part + 1}" if scene.segments > 1 else "")
             style = dash(part if scene.segments > 1 else s)
-            one.plot(time, factor * by_segment[:, i, k], color=colour(s), linestyle=style, label=text)
+            look = {"color": colour(s), "linestyle": style, "linewidth": width(s)}
+            one.plot(time, factor * by_segment[:, i, k], **look, label=text)
         label(one, TIME, unit, name)
+        _show_at_least(one)
     _finish(axes)
     return made
 
@@ -146,7 +153,7 @@ def _draw_units(
     unit = 0
     for s, section in enumerate(arm.sections):
         for j in range(section.units):
-            look = {"color": colour(s), "linestyle": dash(j), **how}
+            look = {"color": colour(s), "linestyle": dash(j), "linewidth": width(s), **how}
             axes.plot(time, values[:, unit], **look, label=f"unit {unit + 1} (section {s + 1})")
             unit += 1
     for limit, name in zip(limits, ("limits", "_nolegend_"), strict=True):
@@ -165,6 +172,13 @@ def draw_solve_times(
         axes.axhline(budget_ms, **style, label=f"sampling {budget_ms:.3g} ms")
     label(axes, TIME, "solve time (ms)", "controller")
     plain_log(axes)
+
+
+def _show_at_least(axes: Axes, span: float = LEAST) -> None:
+    """Widen the y axis to `span`, so that rounding errors look like zero."""
+    low, high = axes.get_ylim()
+    if high - low < span:
+        axes.set_ylim((low + high - span) / 2, (low + high + span) / 2)
 
 
 def plain_log(axes: Axes) -> None:

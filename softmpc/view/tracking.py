@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, space
-from softmpc.view.style import ALARM, GREY, INK, figure, label, styled
+from softmpc.view.style import GREY, INK, REFERENCE, TRACE, figure, label, styled
 from softmpc.view.time_plots import TIME, draw_pressures, draw_torques, plain_log
 
 if TYPE_CHECKING:
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 __all__ = ["tracking_figure"]
 
 GHOSTS = 7
-PATH = {"color": INK, "linewidth": 1.2, "linestyle": (0, (4, 2))}
-TRACE = {"color": ALARM, "linewidth": 1.8}
 MOST_POINTS = 2000
 
 
@@ -65,23 +63,25 @@ def _title(result: Any) -> str:
 def _draw_space(made: Any, arm: Arm, result: Any) -> None:
     """Postures along the last part of the run, the reference path and the tip's trace."""
     shapes = [arm.sections(q) for q in result.q[_moments(result)]]
+    tips = np.array([shape[-1][-1] for shape in shapes])
+    solid = int(np.argmax(np.linalg.norm(tips - tips.mean(axis=0), axis=1)))
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, result.reference, margin=1.5 * max(arm.radii))
     axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=1.2)
     draw_base(axes, 1.8 * max(arm.radii))
-    for shape in shapes[:-1]:
-        draw_line(axes, shape, width=2.2, alpha=0.35)
-    draw_tube(axes, shapes[-1], [0.6 * radius for radius in arm.radii], alpha=0.8)
+    draw_tube(axes, shapes[solid], [0.6 * radius for radius in arm.radii], alpha=0.75)
+    for shape in [shape for k, shape in enumerate(shapes) if k != solid]:
+        draw_line(axes, shape, width=2.0, alpha=0.45)
+    axes.plot(*_thin(result.reference).T, **REFERENCE, label="reference")
     axes.plot(*_thin(result.tip).T, **TRACE, label="tip")
-    axes.plot(*_thin(result.reference).T, **PATH, label="reference")
     made.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def _draw_path(axes: Axes, result: Any) -> None:
     """The path seen face on, in mm, with equal scales."""
     across, up = places = _plane(result.reference)
+    axes.plot(*1e3 * _thin(result.reference).T[places], **REFERENCE)
     axes.plot(*1e3 * _thin(result.tip).T[places], **TRACE)
-    axes.plot(*1e3 * _thin(result.reference).T[places], **PATH)
     axes.set_aspect("equal", adjustable="datalim")
     label(axes, f"{'xyz'[across]} (mm)", f"{'xyz'[up]} (mm)", "tip path")
 
@@ -99,20 +99,27 @@ def _moments(result: Any) -> np.ndarray:
 
 def _draw_error(axes: Axes, result: Any) -> None:
     """Distance of the tip from its reference (mm), and from when on it counts."""
-    error = np.maximum(_thin(result.error) * 1e3, 1e-4)
-    axes.semilogy(_thin(result.time), error, color=INK, label="tip error")
+    time, error = _thin(result.time), _thin(result.error) * 1e3
+    axes.plot(time, error, color=INK, linewidth=0.8)
     axes.axvline(result.settle, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     label(axes, TIME, "tip error (mm)", f"tip error, counted from {result.settle:g} s on (dashed)")
-    plain_log(axes)
+    settled = error[time >= result.settle]
+    if len(settled) and error.max() > 10 * settled.max():  # a start from afar
+        axes.set_yscale("log")
+        axes.set_ylim(max(settled.min(), settled.max() / 30) / 2, 1.5 * error.max())
+        plain_log(axes)
+    else:
+        axes.set_ylim(0, None)
 
 
 def _draw_coordinates(axes: Axes, result: Any) -> None:
     """Tip coordinates and their reference, where there is no torque to show."""
     time = _thin(result.time)
-    for k, name in enumerate("xyz"):
-        axes.plot(time, _thin(result.tip)[:, k] * 1e3, color=(INK, ALARM, GREY)[k], label=name)
-        axes.plot(time, _thin(result.reference)[:, k] * 1e3, **PATH)
-    label(axes, TIME, "tip (mm)", "tip x (black), y (red), z (grey), reference dashed")
+    start = result.reference[0]
+    for k, look in enumerate(("-", (0, (5, 1.5)), (0, (1.2, 1.2)))):
+        axes.plot(time, 1e3 * (_thin(result.reference)[:, k] - start[k]), **REFERENCE)
+        axes.plot(time, 1e3 * (_thin(result.tip)[:, k] - start[k]), **TRACE, linestyle=look)
+    label(axes, TIME, "way of the tip (mm)", "tip: x solid, y dashed, z dotted, from the path's start")
 
 
 def _thin(values: np.ndarray) -> np.ndarray:
