@@ -34,7 +34,7 @@ def plain(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[st
     before = ""
     for line in lines:
         display = line.startswith("    ")
-        if display and not before.strip() and not found[-2:-1] == ["::"]:
+        if display and not before.strip() and found[-2:-1] != ["::"]:
             in_display = any(row.startswith("    ") for row in found[-2:])
             found += [] if in_display else ["::", ""]
         found.append(line if display else escaped(line))

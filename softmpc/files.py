@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from softmpc.errors import InputError
@@ -16,7 +16,7 @@ __all__ = ["replacing"]
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """`with replacing(path) as beside`: what is written beside takes the place of `path`.
 
-    A crash leaves the last good file. Raises `InputError` where nothing can be written.
+    A crash leaves the last good file; a folder that is missing is made. Raises `InputError` where nothing can be written.
     """
     path = Path(path)
     beside = path.with_name(f".{os.getpid()}.{path.name}")
@@ -27,4 +27,5 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
-        beside.unlink(missing_ok=True)
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)

@@ -35,10 +35,11 @@ class Block:
 
 def blocks(text: str) -> list[Block]:
     """All fenced blocks of a page."""
-    return [
-        Block(m["kind"].strip(), m["body"], m.span("body"), text.count("\n", 0, m.start("body")) + 1)
-        for m in FENCE.finditer(text)
-    ]
+    found = []
+    for m in FENCE.finditer(text):
+        line = text.count("\n", 0, m.start("body")) + 1
+        found.append(Block(m["kind"].strip(), m["body"], m.span("body"), line))
+    return found
 
 
 def links(text: str) -> list[str]:

@@ -231,15 +231,17 @@ def test_saving_keeps_the_last_good_file(tmp_path: Path, monkeypatch: pytest.Mon
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(SceneError, match="cannot be written: No space left"):
+    with pytest.raises(InputError, match="cannot be written: No space left"):
         write_document({"title": "new"}, path)
     assert path.read_text() == 'title = "good"\n'
     assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_saving_into_a_missing_folder(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="cannot be written"):
-        save_scene(Scene(chen2022()), tmp_path / "nowhere" / "scene.toml")
+    save_scene(Scene(chen2022()), tmp_path / "nowhere" / "scene.toml")
+    assert load_scene(tmp_path / "nowhere" / "scene.toml") == Scene(chen2022())
+    with pytest.raises(InputError, match="cannot be written"):
+        save_scene(Scene(chen2022()), tmp_path / "nowhere" / "scene.toml" / "scene.toml")
 
 
 def test_own_classes_cannot_be_saved() -> None:

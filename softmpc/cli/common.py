@@ -48,7 +48,12 @@ def answering(name: str) -> Callable[[Callable[..., Answer]], Callable[..., int]
 
     def decorate(function: Callable[..., Answer]) -> Callable[..., int]:
         @click.option("--json", "as_object", is_flag=True, help="Print one JSON object.")
-        @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help=f"Write {name}.json and all other results to this folder.")
+        @click.option(
+            "--out",
+            type=click.Path(path_type=Path),
+            metavar="DIR",
+            help=f"Write {name}.json and all other results to this folder.",
+        )
         @click.option("-v", "--verbose", count=True, help="Say what is being done; -vv: all of it.")
         @wraps(function)
         def run(as_object: bool, out: Path | None, verbose: int, **given: Any) -> int:
@@ -111,17 +116,25 @@ def notice(line: str) -> None:
 
 @contextmanager
 def progress(what: str, unit: str = "step") -> Iterator[Progress]:
-    """A progress bar on stderr; call what is yielded with how much is done, and of how much."""
+    """A progress bar on stderr; call what is yielded with how much is done, and of how much.
+
+    It is gone after an error, so that the error's line stands alone.
+    """
     from tqdm import tqdm
 
-    pause = 0.1 if sys.stderr.isatty() else 5.0
-    with tqdm(desc=what, unit=unit, file=sys.stderr, mininterval=pause) as bar:
+    person = sys.stderr.isatty()  # a log gets a line now and then, and none for what is quick
+    pace: dict[str, Any] = {"mininterval": 0.1 if person else 5.0, "delay": 0.0 if person else 1.0}
+    with tqdm(desc=what, unit=unit, file=sys.stderr, **pace) as bar:
 
         def report(done: float, total: float) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
-        yield report
+        try:
+            yield report
+        except BaseException:
+            bar.leave = False
+            raise
 
 
 def table(rows: Sequence[tuple[str, object]]) -> str:
@@ -164,7 +177,9 @@ def _make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise click.BadParameter(f"cannot make the folder {path}: {error.strerror}", param_hint="--out") from None
+        raise click.BadParameter(
+            f"cannot make the folder {path}: {error.strerror}", param_hint="--out"
+        ) from None
     if not os.access(path, os.W_OK):
         raise click.BadParameter(f"cannot write to the folder {path}", param_hint="--out")
 

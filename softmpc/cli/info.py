@@ -98,11 +98,11 @@ def _poles(matrix: Any) -> list[Any]:
 
 
 def _text(data: dict[str, Any]) -> str:
+    arm = "{sections} sections x {segments} segments, {units} units, {length_m:g} m"
     rows: list[tuple[str, object]] = [
         ("parameters", data["parameters"]),
-        ("arm", f"{data['sections']} sections x {data['segments']} segments, {data['units']} units, "
-                f"{data['length_m']:g} m"),
-        ("formulation", f"{data['formulation']}, mass {data['mass']}, elasticity {data['elasticity']}"),
+        ("arm", arm.format(**data)),
+        ("formulation", "{formulation}, mass {mass}, elasticity {elasticity}".format(**data)),
         ("kinematics", data["kinematics"]),
         ("strains", ", ".join(data["strains"])),
         ("effects", ", ".join(data["effects"]) or "none"),
@@ -110,7 +110,7 @@ def _text(data: dict[str, Any]) -> str:
         ("states", data["state_count"]),
         ("inputs", f"{len(data['inputs'])} ({data['input_unit']})"),
         ("massless", ", ".join(data["massless"]) or "none"),
-    ]  # fmt: skip
+    ]
     for i, poles in enumerate(data.get("drive_poles_per_s", []), 1):
         shown = ", ".join(_pole_text(pole) for pole in poles)
         rows.append((f"drive poles, section {i}", f"{shown} 1/s"))

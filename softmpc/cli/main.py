@@ -39,13 +39,13 @@ class Commands(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
         if cmd_name not in COMMANDS:
             raise click.UsageError(unknown_name("command", cmd_name, COMMANDS), ctx)
-        return import_module(f"softmpc.cli.{cmd_name}").command  # type: ignore[no-any-return]
+        return import_module(f"softmpc.cli.{cmd_name}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([*COMMANDS.items()])
 
-    def main(self, args: Sequence[str] | None = None, *_: Any, **extra: Any) -> Any:  # type: ignore[override]
+    def main(self, args: Sequence[str] | None = None, *_: Any, **extra: Any) -> Any:
         """Run the command given by `args` and exit with its status."""
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
         extra |= {"prog_name": "softmpc", "standalone_mode": False}
@@ -59,8 +59,7 @@ class Commands(click.Group):
             wrong = isinstance(error, InputError | BuildError)
             status = _fail(str(error), WRONG_INPUT if wrong else NOT_CONVERGED, words)
         except Exception as error:
-            traceback.print_exc()
-            status = _fail(f"unexpected {type(error).__name__}: {error}", UNEXPECTED, words)
+            status = _fail_unexpectedly(error, words)
         sys.exit(status)
 
 
@@ -69,6 +68,17 @@ def _one_line(error: click.ClickException) -> str:
     message = " ".join(error.format_message().split()).rstrip(".")
     context = getattr(error, "ctx", None)
     return message + (f"; see {context.command_path} --help" if context else "")
+
+
+def _fail_unexpectedly(error: BaseException, words: Sequence[str]) -> int:
+    """A traceback, unless it is Ctrl-C, which CasADi turns into other errors."""
+    cause: BaseException | None = error
+    while cause:
+        if isinstance(cause, KeyboardInterrupt) or "KeyboardInterrupt" in str(cause):
+            return _fail("interrupted", INTERRUPTED, words)
+        cause = cause.__cause__ or cause.__context__
+    traceback.print_exception(error)
+    return _fail(f"unexpected {type(error).__name__}: {error}", UNEXPECTED, words)
 
 
 def _fail(message: str, status: int, words: Sequence[str]) -> int:

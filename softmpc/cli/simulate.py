@@ -28,7 +28,9 @@ __all__ = ["command"]
 
 @click.command("simulate")
 @scene_argument
-@click.option("--duration", type=float, metavar="S", help="Simulate this long, not what the scene says.")
+@click.option(
+    "--duration", type=float, metavar="S", help="Simulate this long, not what the scene says."
+)
 @animation_option
 @answering("simulate")
 def command(scene: Path, duration: float | None, animate: bool, out: Path | None) -> Answer:
@@ -37,11 +39,13 @@ def command(scene: Path, duration: float | None, animate: bool, out: Path | None
 
     changes = {} if duration is None else {"duration": duration}
     with progress("simulating", "ms") as report:
-        done = simulate_file(scene, lambda t, end: report(round(1e3 * t), round(1e3 * end)), **changes)
+        done = simulate_file(
+            scene, lambda t, end: report(round(1e3 * t), round(1e3 * end)), **changes
+        )
     data = {"title": done.title, **done.summary()}
     if out:
         done.save(out)
-        _draw(out, scene, done, animate and not done.status == "interrupted")
+        _draw(out, scene, done, animate and done.status != "interrupted")
     if done.finished:
         return Answer(data, _text(data))
     status = INTERRUPTED if done.status == "interrupted" else NOT_CONVERGED

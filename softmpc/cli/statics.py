@@ -33,8 +33,12 @@ __all__ = ["command"]
 
 @click.command("statics")
 @scene_argument
-@click.option("--pressure", type=Numbers(), metavar="MPA,…", help="Unit pressures in MPa, one value a unit.")
-@click.option("--torque", type=Numbers(), metavar="NM,…", help="Motor torques in N·m, one value a unit.")
+@click.option(
+    "--pressure", type=Numbers(), metavar="MPA,…", help="Unit pressures in MPa, one value a unit."
+)
+@click.option(
+    "--torque", type=Numbers(), metavar="NM,…", help="Motor torques in N·m, one value a unit."
+)
 @answering("statics")
 def command(
     scene: Path, pressure: list[float] | None, torque: list[float] | None, out: Path | None
@@ -205,4 +209,3 @@ def _text(data: dict[str, Any]) -> str:
     rows.append(("smallest stiffness", f"{data['smallest_stiffness_j']:.4g} J"))
     rows += [("warning", text) for text in data["warnings"]]
     return "\n".join([data["title"], table(rows)])
-

@@ -69,14 +69,18 @@ def _draw(out: Path, scene: Path, result: TrackResult, animate: bool) -> None:
     save_figure(tracking_figure(model, result), out / "track.png")
     tips = time_plots.tips_figure(time, result.tips, result.reference, f"{title}: section tips")
     save_figure(tips, out / "tips.png")
-    save_figure(time_plots.strains_figure(model, time, result.q, f"{title}: strains"), out / "strains.png")
+    save_figure(
+        time_plots.strains_figure(model, time, result.q, f"{title}: strains"), out / "strains.png"
+    )
     times = result.control_time
     sampling = 1e3 * (times[1] - times[0]) if len(times) > 1 else None
     solves = time_plots.solve_times_figure(times, result.step_ms, sampling, f"{title}: solve times")
     save_figure(solves, out / "solve_times.png")
     if animate:
         with progress("animation", "frame") as report:
-            write_animation(model, time, result.q, out / "track.gif", result.reference, title, report)
+            write_animation(
+                model, time, result.q, out / "track.gif", result.reference, title, report
+            )
 
 
 def _text(data: dict[str, Any]) -> str:

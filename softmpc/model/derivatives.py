@@ -58,9 +58,7 @@ class Blocks:
     coriolis: ca.SX
 
 
-def _held(
-    chain: Chain, link: Link, tip: tuple[SX, SX], pressures: SX | None, elastic: bool
-) -> SX:
+def _held(chain: Chain, link: Link, tip: tuple[SX, SX], pressures: SX | None, elastic: bool) -> SX:
     """∂/∂q of a segment's row with all forces held: geometry, elasticity and drive."""
     wrenches = [(link.tip, 1.0, tip)]
     for point, (place, law) in zip(link.points, link.segment.bodies, strict=True):

@@ -9,10 +9,9 @@ import casadi as ca
 from softmpc.model.chain import Chain, Link, State
 from softmpc.model.drive import chamber_volumes
 from softmpc.model.effects import BodyLaw
+from softmpc.model.places import Poses
 
 __all__ = ["energies", "powers"]
-
-Poses = list[tuple[Any, Any, Link]]  # world place and orientation of each base, tip last
 
 
 def energies(chain: Chain, poses: Poses) -> dict[str, Any]:

@@ -16,8 +16,8 @@ import casadi as ca
 import numpy as np
 
 from softmpc.errors import BuildError
-from softmpc.model import newton_euler, virtual_power
-from softmpc.model.chain import Chain, Link, State
+from softmpc.model import energy, newton_euler, places, virtual_power
+from softmpc.model.chain import Chain, State
 from softmpc.model.derivatives import Blocks, can_differentiate, differentiate
 from softmpc.model.effects import Coriolis, Effect, Gravity, Inertia, RotaryInertia, TipLoad
 from softmpc.model.formulations import NewtonEuler
@@ -233,7 +233,7 @@ class Model:
         if self._printed:
             K = ca.sparsify(ca.jacobian(r, self._state.q))
         else:
-            chain = Chain(self.scene, tuple(e for e in self.scene.effects if not _in_motion(e)))
+            chain = Chain(self.scene, tuple(e for e in self.scene.effects if not e.only_in_motion))
             K = differentiate(chain, self._rest, self._pressures).by_q
         symbols = {"q": self._state.q, "p": self._p}
         return self._function("stiffness", symbols, {"K": K, "by_p": ca.jacobian(r, self._p)})
@@ -291,69 +291,48 @@ class Model:
 
     # --- places --------------------------------------------------------------------------------
 
-    def _poses(self, state: State) -> list[tuple[Any, Any, Link]]:
-        """World place and orientation of each segment's base."""
-        place, rotation = ca.SX(3, 1), ca.SX.eye(3)
-        poses = []
-        for link in self.chain.forward(state):
-            poses.append((place, rotation, link))
-            place = place + rotation @ link.tip.p.terms[0]
-            rotation = rotation @ link.tip.rotation
-        poses.append((place, rotation, poses[-1][2]))
-        return poses
-
     @cached_property
     def frames(self) -> ca.Function:
         """q -> section tips (3×S, m, base frame), and their rotations side by side (3×3S)."""
-        poses = self._poses(self._rest)[self.scene.segments :: self.scene.segments]
+        tips, rotations = places.section_ends(self.chain, self._rest)
         outputs = {
-            "tips": ca.densify(ca.horzcat(*(place for place, _, _ in poses))),
-            "rotations": ca.densify(ca.horzcat(*(rotation for _, rotation, _ in poses))),
+            "tips": ca.densify(ca.horzcat(*tips)),
+            "rotations": ca.densify(ca.horzcat(*rotations)),
         }
         return self._function("frames", {"q": self._state.q}, outputs)
 
     @cached_property
     def tip(self) -> ca.Function:
         """q -> place of the arm's tip (3, m, base frame)."""
-        place = ca.densify(self._poses(self._rest)[-1][0])
+        place = ca.densify(places.section_ends(self.chain, self._rest)[0][-1])
         return self._function("tip", {"q": self._state.q}, {"tip": place})
 
     @cached_property
     def tip_jacobian(self) -> ca.Function:
         """q -> ∂(section tips)/∂q, section after section (3S×n)."""
-        poses = self._poses(self._rest)[self.scene.segments :: self.scene.segments]
-        places = ca.vertcat(*(place for place, _, _ in poses))
-        outputs = {"J": ca.jacobian(places, self._state.q)}
+        tips, _ = places.section_ends(self.chain, self._rest)
+        outputs = {"J": ca.jacobian(ca.vertcat(*tips), self._state.q)}
         return self._function("tip_jacobian", {"q": self._state.q}, outputs)
 
     @cached_property
     def centerline(self) -> ca.Function:
         """q -> points along the arm (3×(10 a segment + 1)), for pictures."""
-        points = [ca.SX.zeros(3)]
-        for place, rotation, link in self._poses(self._rest)[:-1]:
-            for step in range(1, 11):
-                point = self.chain.point(link.segment, self._rest, step / 10)
-                points.append(place + rotation @ point.p.terms[0])
-        return self._function("centerline", {"q": self._state.q}, {"points": ca.horzcat(*points)})
+        points = places.centerline(self.chain, self._rest)
+        return self._function("centerline", {"q": self._state.q}, {"points": points})
 
     @cached_property
     def energies(self) -> ca.Function:
         """(q, dq) -> energies in J by name: kinetic, gravity, elastic, load, those that exist."""
-        from softmpc.model.energy import energies
-
-        outputs = energies(self.chain, self._poses(self._state))
+        outputs = energy.energies(self.chain, places.poses(self.chain, self._state))
         return self._function("energies", {"q": self._state.q, "dq": self._state.dq}, outputs)
 
     @cached_property
     def powers(self) -> ca.Function:
         """(q, dq, p) -> power put in, in W by name: drive and damping, those that exist."""
-        from softmpc.model.energy import powers
-
         inputs = {"q": self._state.q, "dq": self._state.dq, "p": self._p}
-        poses = self._poses(self._state)
-        return self._function(
-            "powers", inputs, powers(self.chain, poses, self._state, self._pressures)
-        )
+        poses = places.poses(self.chain, self._state)
+        outputs = energy.powers(self.chain, poses, self._state, self._pressures)
+        return self._function("powers", inputs, outputs)
 
     # --- for people ----------------------------------------------------------------------------
 
@@ -363,11 +342,6 @@ class Model:
 
     def __repr__(self) -> str:
         return describe(self)
-
-
-def _in_motion(effect: Any) -> bool:
-    """Whether an effect is nothing at rest."""
-    return effect.name not in ("gravity", "tip_load")
 
 
 def _times(matrix: np.ndarray, vector: Any) -> Any:

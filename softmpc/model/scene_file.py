@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from softmpc.errors import SceneError, errors_in, nearest
+from softmpc.files import replacing
 from softmpc.model.actuation import Actuation, HydraulicDrive, PressureDrive, StaticDrive
 from softmpc.model.effects import (
     Coriolis,
@@ -105,14 +106,8 @@ def write_document(document: Mapping[str, Any], path: str | os.PathLike[str]) ->
     """Write a TOML file beside its place, then rename: a crash leaves the last good one."""
     import tomli_w  # here, because reading does not need it
 
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
+    with replacing(path) as beside:
         beside.write_bytes(tomli_w.dumps(document).encode())
-        beside.replace(path)
-    except OSError as error:
-        beside.unlink(missing_ok=True)
-        raise SceneError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def check_document(document: dict[str, Any]) -> None:

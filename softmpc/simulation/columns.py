@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from softmpc.errors import InputError
+from softmpc.files import replacing
 
-__all__ = ["read_columns", "replacing", "write_columns"]
+__all__ = ["read_columns", "write_columns"]
 
 Path_ = str | os.PathLike[str]
 
@@ -41,23 +42,6 @@ def write_columns(path: Path_, columns: Mapping[str, np.ndarray]) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-
-
-class replacing:
-    """`with replacing(path) as beside`: what is written beside takes the place of `path`."""
-
-    def __init__(self, path: Path_) -> None:
-        self.path = Path(path)
-        self.beside = self.path.with_name(f".{os.getpid()}.{self.path.name}")
-
-    def __enter__(self) -> Path:
-        return self.beside
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            self.beside.replace(self.path)
-        else:
-            self.beside.unlink(missing_ok=True)
 
 
 def _read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:

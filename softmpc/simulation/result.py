@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from softmpc.errors import InputError
+from softmpc.files import replacing
 from softmpc.model.layout import Variables
 from softmpc.model.model import Model
-from softmpc.simulation.columns import replacing, write_columns
+from softmpc.simulation.columns import write_columns
 
 __all__ = ["SCHEMA_VERSION", "Simulation", "titles_of"]
 
@@ -97,13 +98,9 @@ class Simulation:
     def save(self, directory: str | os.PathLike[str]) -> tuple[Path, Path]:
         """Write simulation.csv and simulation.npz there; a crash leaves the last good ones."""
         folder = Path(directory)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            write_columns(folder / "simulation.csv", self.columns())
-            with replacing(folder / "simulation.npz") as beside, open(beside, "wb") as file:
-                np.savez_compressed(file, allow_pickle=False, **self._content())
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+        write_columns(folder / "simulation.csv", self.columns())
+        with replacing(folder / "simulation.npz") as beside, open(beside, "wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **self._content())
         return folder / "simulation.csv", folder / "simulation.npz"
 
     def _content(self) -> dict[str, Any]:

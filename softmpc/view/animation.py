@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,12 +73,13 @@ def _render(
     box = box_of(*lines, *([] if reference is None else [reference]), margin=1.5 * max(arm.radii))
     made, axes = _stage(arm, box, reference)
     (trace,) = axes.plot(*tips[:1].T, **TRACE, zorder=9)
-    clock = made.text(0.03, 0.95, "", fontsize=10)
+    head = shorten(title, 54).replace("$", r"\$")
+    clock = made.text(0.03, 0.98, "", fontsize=9, va="top")
     frames = []
     for done, (k, shape) in enumerate(zip(picks, shapes, strict=True), 1):
         moving = draw_tube(axes, shape, [0.6 * radius for radius in arm.radii])
         trace.set_data_3d(*tips[: k + 1].T)
-        clock.set_text(f"{title}   t = {time[k]:.1f} s".strip().replace("$", r"\$"))
+        clock.set_text(f"{head}\nt = {time[k]:.1f} s".strip())
         made.canvas.draw()
         frames.append(np.asarray(made.canvas.buffer_rgba())[..., :3].copy())
         for artist in moving:
@@ -91,7 +93,7 @@ def _stage(arm: Arm, box: np.ndarray, reference: np.ndarray | None) -> tuple[Any
     made = figure(PIXELS / DOTS, PIXELS / DOTS, layout="none")
     made.set_dpi(DOTS)
     axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=0.94)
-    axes.set_position((0.0, 0.08, 0.98, 0.9))
+    axes.set_position((0.0, 0.1, 0.98, 0.87))
     draw_base(axes, 1.8 * max(arm.radii))
     if reference is not None:
         axes.plot(*reference.T, **REFERENCE, zorder=8)

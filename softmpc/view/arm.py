@@ -15,7 +15,16 @@ if TYPE_CHECKING:
 
     from softmpc.model.model import Model
 
-__all__ = ["Arm", "box_of", "draw_base", "draw_frames", "draw_line", "draw_tube", "even_ticks", "space"]
+__all__ = [
+    "Arm",
+    "box_of",
+    "draw_base",
+    "draw_frames",
+    "draw_line",
+    "draw_tube",
+    "even_ticks",
+    "space",
+]
 
 AROUND = np.linspace(0, 2 * np.pi, 25)
 RINGS = 25  # of a section, at most
@@ -55,13 +64,17 @@ def box_of(*places: Any, margin: float = 0.0) -> np.ndarray:
     points = np.concatenate([np.asarray(p, float).reshape(-1, 3) for p in places])
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    half = np.maximum(high - low, 0.45 * (high - low).max()) / 2
+    half = np.maximum(high - low, 0.4 * (high - low).max()) / 2
     middle = (low + high) / 2
     return np.array([middle - half, middle + half])
 
 
 def space(
-    made: Any, place: Any, box: np.ndarray, hangs: bool, view: tuple[float, float] = (14, -62),
+    made: Any,
+    place: Any,
+    box: np.ndarray,
+    hangs: bool,
+    view: tuple[float, float] = (14, -62),
     zoom: float = 1.0,
 ) -> Axes3D:
     """Three-dimensional axes around `box` with equal scales; z points down for a hanging arm.
@@ -100,7 +113,9 @@ def even_ticks(axis: Any, ends: np.ndarray, box: np.ndarray) -> None:
     axis.set_ticks(step * np.arange(np.ceil(low / step), np.floor(high / step) + 1))
 
 
-def draw_line(axes: Any, lines: list[np.ndarray], width: float = 3.0, alpha: float = 1.0) -> list[Any]:
+def draw_line(
+    axes: Any, lines: list[np.ndarray], width: float = 3.0, alpha: float = 1.0
+) -> list[Any]:
     """The centre line as one thick line a section; returns the lines."""
     return [
         axes.plot(*line.T, color=colour(i), linewidth=width, alpha=alpha)[0]
@@ -108,7 +123,9 @@ def draw_line(axes: Any, lines: list[np.ndarray], width: float = 3.0, alpha: flo
     ]
 
 
-def draw_tube(axes: Any, lines: list[np.ndarray], radii: list[float], alpha: float = 1.0) -> list[Any]:
+def draw_tube(
+    axes: Any, lines: list[np.ndarray], radii: list[float], alpha: float = 1.0
+) -> list[Any]:
     """The arm as a shaded tube of these radii, a section a colour; returns what was drawn."""
     from matplotlib.colors import LightSource
 
@@ -137,7 +154,9 @@ def _tube(line: np.ndarray, radius: float) -> np.ndarray:
         side = side - along * (side @ along)
         side /= np.linalg.norm(side)
         over = np.cross(along, side)
-        rings.append(point + radius * (np.outer(np.cos(AROUND), side) + np.outer(np.sin(AROUND), over)))
+        rings.append(
+            point + radius * (np.outer(np.cos(AROUND), side) + np.outer(np.sin(AROUND), over))
+        )
     return np.moveaxis(np.array(rings), 2, 0)
 
 
@@ -152,7 +171,9 @@ def draw_base(axes: Any, radius: float) -> None:
 def draw_frames(axes: Any, places: Any, rotations: Any, size: float) -> None:
     """Axes x, y, z of each frame as short lines: solid, dashed, dotted, named at their ends."""
     for place, rotation in zip(np.asarray(places), np.asarray(rotations), strict=True):
-        for name, arrow, dashes in zip("xyz", rotation.T, ("-", (0, (4, 1)), (0, (1, 1))), strict=True):
+        for name, arrow, dashes in zip(
+            "xyz", rotation.T, ("-", (0, (4, 1)), (0, (1, 1))), strict=True
+        ):
             end = place + size * arrow
             axes.plot(*zip(place, end, strict=True), color=INK, linewidth=1.2, linestyle=dashes)
             axes.text(*(place + 1.25 * size * arrow), name, fontsize=8, ha="center", va="center")

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.view.arm import Arm, box_of, draw_base, draw_frames, draw_line, draw_tube, even_ticks, space
+from softmpc.view.arm import (
+    Arm,
+    box_of,
+    draw_base,
+    draw_frames,
+    draw_line,
+    draw_tube,
+    even_ticks,
+    space,
+)
 from softmpc.view.style import GREY, INK, colour, figure, label, styled
 
 if TYPE_CHECKING:
@@ -42,17 +51,21 @@ def posture_figure(model: Model, q: Any, title: str = "Posture at rest") -> Figu
     return made
 
 
-def _projection(axes: Axes, lines: list[np.ndarray], arm: Arm, across: int, box: np.ndarray) -> None:
+def _projection(
+    axes: Axes, lines: list[np.ndarray], arm: Arm, across: int, box: np.ndarray
+) -> None:
     """The arm against x (`across` = 0) or y (1), z on the other axis, equal scales."""
     radius = max(arm.radii)
     axes.plot([-2 * radius, 2 * radius], [0, 0], color=GREY, linewidth=4, label="base")
     for i, line in enumerate(lines):
-        axes.plot(line[:, across], line[:, 2], color=colour(i), linewidth=4, label=f"section {i + 1}")
+        axes.plot(
+            line[:, across], line[:, 2], color=colour(i), linewidth=4, label=f"section {i + 1}"
+        )
         axes.plot(*line[-1, [across, 2]], "o", color=INK, markersize=4, zorder=3)
     axes.plot([], [], "o", color=INK, markersize=4, label="section tip")
     axes.set_aspect("equal", adjustable="box")
-    axes.set_xlim(box[:, across])
-    axes.set_ylim(box[::-1, 2] if arm.hangs else box[:, 2])
+    axes.set_xlim(*box[:, across])
+    axes.set_ylim(*(box[::-1, 2] if arm.hangs else box[:, 2]))
     even_ticks(axes.xaxis, box[:, across], box)
     even_ticks(axes.yaxis, box[:, 2], box)
     name = "xy"[across]

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "ALARM", "COLOURS", "DASHES", "GREY", "INK", "REFERENCE", "TRACE", "colour", "dash", "figure", "label", "legend_right", "save_figure",
-    "styled", "width",
+    "ALARM", "COLOURS", "DASHES", "GREY", "INK", "REFERENCE", "TRACE", "colour", "dash",
+    "figure", "label", "legend_right", "save_figure", "styled", "width",
 ]  # fmt: skip
 
 COLOURS = ("#0072B2", "#E69F00", "#117755", "#CC79A7", "#7A3B00", "#56B4E9")
@@ -28,8 +28,8 @@ DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2
 GREY, INK, ALARM = "#7F7F7F", "#222222", "#B22222"
 DPI = 150
 # A path to follow is a broad light band, and what was done a thin line upon it.
-REFERENCE = {"color": "#BDBDBD", "linewidth": 4.0, "solid_capstyle": "round"}
-TRACE = {"color": ALARM, "linewidth": 1.3}
+REFERENCE: dict[str, Any] = {"color": "#BDBDBD", "linewidth": 4.0, "solid_capstyle": "round"}
+TRACE: dict[str, Any] = {"color": ALARM, "linewidth": 1.3}
 SETTINGS: dict[str, Any] = {
     "font.size": 9,
     "axes.labelsize": 9,
@@ -65,7 +65,7 @@ def styled(draw: Draw) -> Draw:
         import matplotlib as mpl
 
         defaults = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")}
-        with mpl.rc_context({**defaults, **SETTINGS}):
+        with mpl.rc_context(defaults | SETTINGS):  # type: ignore[arg-type]
             return draw(*args, **options)
 
     return drawn  # type: ignore[return-value]

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from softmpc.model.parameters import Manipulator
 
 __all__ = [
-    "draw_pressures", "draw_solve_times", "draw_torques", "errors_figure", "inputs_figure", "plain_log",
-    "solve_times_figure", "strains_figure", "tips_figure",
+    "draw_pressures", "draw_solve_times", "draw_torques", "errors_figure", "inputs_figure",
+    "plain_log", "solve_times_figure", "strains_figure", "tips_figure",
 ]  # fmt: skip
 
 TIME = "time (s)"
@@ -56,9 +56,12 @@ def panels(count: int, title: str, height: float = 1.85) -> tuple[Figure, list[A
 
 @styled
 def tips_figure(
-    time: np.ndarray, tips: np.ndarray, reference: np.ndarray | None = None, title: str = "Section tips"
+    time: np.ndarray,
+    tips: np.ndarray,
+    reference: np.ndarray | None = None,
+    title: str = "Section tips",
 ) -> Figure:
-    """Coordinates of the section tips (K×S×3, m); `reference` (K×3) is what the last one follows."""
+    """Coordinates of the section tips (K×S×3, m), and what the last one is to follow."""
     made, axes = panels(3, title)
     for k, (one, name) in enumerate(zip(axes, "xyz", strict=True)):
         if reference is not None:
@@ -109,7 +112,10 @@ def inputs_figure(
 
 @styled
 def solve_times_figure(
-    time: np.ndarray, step_ms: np.ndarray, budget_ms: float | None = None, title: str = "Solve times"
+    time: np.ndarray,
+    step_ms: np.ndarray,
+    budget_ms: float | None = None,
+    title: str = "Solve times",
 ) -> Figure:
     """How long each step of the controller took."""
     made, axes = panels(1, title, 2.6)
@@ -123,7 +129,9 @@ def errors_figure(time: np.ndarray, errors: np.ndarray, title: str = "Distance o
     """ERR_i of Eq. (37) for each section (K×S, m), and their sum."""
     made, axes = panels(1, title, 2.8)
     for s, error in enumerate(errors.T):
-        axes[0].plot(time, 1e3 * error, color=colour(s), linestyle=dash(s), label=f"section {s + 1}")
+        axes[0].plot(
+            time, 1e3 * error, color=colour(s), linestyle=dash(s), label=f"section {s + 1}"
+        )
     if errors.shape[1] > 1:
         total = 1e3 * errors.sum(axis=1)
         axes[0].plot(time, total, color=INK, linewidth=0.9, label="sum of sections")
@@ -147,7 +155,12 @@ def draw_pressures(axes: Axes, arm: Manipulator, time: np.ndarray, p: np.ndarray
 
 
 def _draw_units(
-    axes: Axes, arm: Manipulator, time: np.ndarray, values: np.ndarray, limits: Sequence[float], **how: Any
+    axes: Axes,
+    arm: Manipulator,
+    time: np.ndarray,
+    values: np.ndarray,
+    limits: Sequence[float],
+    **how: Any,
 ) -> None:
     """One curve a unit: colour for the section, dashes for the unit in it; limits as lines."""
     unit = 0
@@ -168,7 +181,7 @@ def draw_solve_times(
     median = float(np.median(step_ms))
     axes.axhline(median, color=INK, linewidth=1.2, label=f"median {median:.3g} ms")
     if budget_ms:
-        style = {"color": ALARM, "linewidth": 1.0, "linestyle": (0, (8, 3, 1, 3))}
+        style: dict[str, Any] = {"color": ALARM, "linewidth": 1.0, "linestyle": (0, (8, 3, 1, 3))}
         axes.axhline(budget_ms, **style, label=f"sampling {budget_ms:.3g} ms")
     label(axes, TIME, "solve time (ms)", "controller")
     plain_log(axes)
@@ -198,7 +211,7 @@ def _finish(axes: list[Axes]) -> None:
     for one in axes:
         one.margins(x=0.01)
         one.tick_params(labelbottom=True)
-    axes[0].figure.align_ylabels(axes)  # type: ignore[union-attr]
+    axes[0].figure.align_ylabels(axes)
     _, names = axes[0].get_legend_handles_labels()
     if len(names) <= MOST_NAMES:
         legend_right(axes[0])

@@ -26,10 +26,13 @@ MOST_POINTS = 2000
 def tracking_figure(model: Model, result: Any) -> Figure:
     """The run as one picture; `result` is a `TrackResult`, `model` that of the plant."""
     made = figure(12.5, 7, _title(result))
-    left, right = made.subfigures(1, 2, width_ratios=(1, 1.75))
+    halves: Any = made.subfigures(1, 2, width_ratios=(1, 1.75))
+    left, right = halves
     _draw_space(left, Arm(model), result)
     grid = right.add_gridspec(3, 2, width_ratios=(1, 2.1))
-    path, *over_time = (right.add_subplot(place) for place in (grid[0, 0], grid[0, 1], grid[1, :], grid[2, :]))
+    path, *over_time = (
+        right.add_subplot(place) for place in (grid[0, 0], grid[0, 1], grid[1, :], grid[2, :])
+    )
     _draw_path(path, result)
     _draw_error(over_time[0], result)
     _draw_drive(over_time[1:], model, result)
@@ -99,7 +102,7 @@ def _moments(result: Any) -> np.ndarray:
 
 def _draw_error(axes: Axes, result: Any) -> None:
     """Distance of the tip from its reference (mm), and from when on it counts."""
-    time, error = _thin(result.time), _thin(result.error) * 1e3
+    time, error = result.time, result.error * 1e3
     axes.plot(time, error, color=INK, linewidth=0.8)
     axes.axvline(result.settle, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     label(axes, TIME, "tip error (mm)", f"tip error, counted from {result.settle:g} s on (dashed)")
@@ -119,7 +122,9 @@ def _draw_coordinates(axes: Axes, result: Any) -> None:
     for k, look in enumerate(("-", (0, (5, 1.5)), (0, (1.2, 1.2)))):
         axes.plot(time, 1e3 * (_thin(result.reference)[:, k] - start[k]), **REFERENCE)
         axes.plot(time, 1e3 * (_thin(result.tip)[:, k] - start[k]), **TRACE, linestyle=look)
-    label(axes, TIME, "way of the tip (mm)", "tip: x solid, y dashed, z dotted, from the path's start")
+    label(
+        axes, TIME, "way of the tip (mm)", "tip: x solid, y dashed, z dotted, from the path's start"
+    )
 
 
 def _thin(values: np.ndarray) -> np.ndarray:
