@@ -1,5 +1,7 @@
 """Postures that hold the tip, and the distance to the workspace's edge."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,27 @@ def test_straight_down_the_edge_is_full_and_zero_pressure(reach: Reach, model: M
     highest = find_equilibrium(model, high).tips[-1, 2]
     assert reach.to_edge(place, DOWN) == pytest.approx(highest - 0.6, abs=1e-6)
     assert reach.to_edge(place, -DOWN) <= 0.6 - lowest + 1e-6
+
+
+def test_out_of_reach_gives_the_nearest_posture(reach: Reach, model: Model) -> None:
+    """Straight below the arm the nearest place is the tip at full pressure."""
+    longest = find_equilibrium(model, pressure_range(model)[1]).tips[-1, 2]
+    found, distance = reach.nearest(np.array([0, 0, longest + 0.1]))
+    assert found is not None
+    assert distance == pytest.approx(0.1, abs=1e-5)
+    assert found.tips[-1] == pytest.approx([0, 0, longest], abs=1e-4)
+    assert reach.posture(np.array([0, 0, longest + 0.1])) is None
+
+
+def test_fewer_units_than_directions(model: Model) -> None:
+    """One unit: the tip has a curve to live on, places beside it are out of reach."""
+    sections = (replace(chen2022().sections[0], unit_angles=(0.0,)),)
+    single = build(Scene(replace(chen2022(), sections=sections)))
+    on_curve = find_equilibrium(single, [4e5]).tips[-1]
+    found = Reach(single).posture(on_curve)
+    assert found is not None
+    assert found.pressures == pytest.approx([4e5], rel=1e-3)
+    assert Reach(single).nearest(on_curve + [0, 0.02, 0])[1] == pytest.approx(0.02, rel=0.05)
 
 
 def test_clearance_is_the_smallest_distance(reach: Reach) -> None:

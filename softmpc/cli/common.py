@@ -11,6 +11,7 @@ import logging
 import math
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ __all__ = [
 
 OK, WRONG_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 2, 3, 130
 Progress = Callable[[float, float], None]
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -60,10 +62,12 @@ def answering(name: str) -> Callable[[Callable[..., Answer]], Callable[..., int]
             _log_to_stderr(verbose)
             if out:
                 _make_folder(out)
+            started = time.perf_counter()
             with redirect_stdout(sys.stderr):  # libraries that print do not spoil the answer
                 answer = function(out=out, **given)
                 if out:
                     write_text(out / f"{name}.json", as_json(answer.data, indent=2))
+            log.info("took %.2f s", time.perf_counter() - started)
             click.echo(as_json(answer.data) if as_object else answer.text)
             if answer.problem:
                 notice(f"error: {answer.problem}")
@@ -104,6 +108,7 @@ def load(path: Path) -> tuple[str, Scene]:
     from softmpc.errors import errors_in
     from softmpc.model.scene_file import read_document, scene_from_dict
 
+    log.info("reading %s", path)
     document = read_document(path)
     with errors_in(path):
         return document.get("title") or path.stem, scene_from_dict(document)
@@ -171,6 +176,7 @@ def write_text(path: Path, text: str) -> None:
 
     with replacing(path) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
+    log.info("wrote %s", path)
 
 
 def _make_folder(path: Path) -> None:
@@ -194,6 +200,6 @@ class _Stderr(logging.Handler):
 def _log_to_stderr(verbose: int) -> None:
     handler = _Stderr()
     handler.setFormatter(logging.Formatter("%(levelname)s %(name)s: %(message)s"))
-    log = logging.getLogger("softmpc")
-    log.handlers = [handler]
-    log.setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)])
+    package = logging.getLogger("softmpc")
+    package.handlers = [handler]
+    package.setLevel((logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)])

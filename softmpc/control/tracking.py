@@ -96,11 +96,12 @@ def _clearance(reach: Reach, reference: Reference) -> Clearance:
     lap = reference.path.position(np.arange(CLEARANCE_POINTS) / CLEARANCE_POINTS)
     clearance = reach.clearance(lap)
     if clearance is None:
-        outside = [place for place in lap if reach.posture(place) is None]
-        place = ", ".join(f"{x:.3f}" for x in (outside or lap)[0])
+        misses = [reach.nearest(place)[1] for place in lap]
+        worst = int(np.argmax(misses))
+        place = ", ".join(f"{x:.3f}" for x in lap[worst])
         raise SceneError(
-            f"[track]: the path is out of reach at ({place}) m: move its center towards the arm's "
-            "tip at half pressure, or make it smaller"
+            f"[track]: the path is out of reach, at ({place}) m by {1e3 * misses[worst]:.1f} mm: "
+            "move its center towards the arm's tip at half pressure, or make it smaller"
         )
     return clearance
 

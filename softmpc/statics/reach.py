@@ -1,7 +1,8 @@
 """Reach of the tip by IPOPT: the posture that holds it at a place, and how far it is from the edge.
 
 One program serves both: strains and pressures in equilibrium, the tip on a ray from `origin`,
-either at its start with the least pressure, or as far along it as the pressures allow.
+either at its start with the least pressure, or as far along it as the pressures allow. At its
+start the tip may miss the place at a price, so a place out of reach gives the nearest posture.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ from softmpc.statics.equilibrium import Equilibrium, find_equilibrium, refine_eq
 __all__ = ["Clearance", "Reach", "pressure_range"]
 
 FAR = 10.0  # arm lengths, a bound on the ray
+PRICE = 1e8  # of missing the place by an arm length, against full pressure
+HIT = 1e-6  # m, nearer counts as there
 STARTS = 60  # postures to start from, made once
 TRIES = 8  # of them, the nearest, before a place counts as out of reach
 
@@ -59,14 +62,15 @@ class Reach:
         model = self.model
         n, m, layout = model.strains, len(self.low), model.layout
         length = model.scene.manipulator.length
-        w = ca.MX.sym("w", n + m + 1)
+        w = ca.MX.sym("w", n + m + 4)  # strains, pressures, way along the ray, miss
         q, p = w[:n] * layout.q.scale, w[n : n + m] * layout.p.scale
+        along, miss = w[n + m], w[n + m + 1 :]
         parameters = ca.MX.sym("parameters", 7)  # origin, direction, 1: along the ray
-        place = parameters[:3] + w[-1] * length * parameters[3:6]
+        place = parameters[:3] + along * length * parameters[3:6]
         balance = model.balance(q, p) / layout.r.scale
-        off = (model.tip(q) - place) / length
-        effort = 0.5 * ca.sumsqr(w[n : n + m]) / m
-        objective = (1 - parameters[6]) * effort - parameters[6] * w[-1]
+        off = (model.tip(q) - place) / length - miss
+        effort = 0.5 * ca.sumsqr(w[n : n + m]) / m + 0.5 * PRICE * ca.sumsqr(miss)
+        objective = (1 - parameters[6]) * effort - parameters[6] * along
         problem = {"x": w, "p": parameters, "f": objective, "g": ca.vertcat(balance, off)}
         quiet = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 200}
         return ca.nlpsol(
@@ -74,25 +78,38 @@ class Reach:
         )
 
     def posture(self, place: np.ndarray) -> Equilibrium | None:
-        """The posture of least pressure with the tip at `place` (3, m); None if none was found.
+        """The posture of least pressure with the tip at `place` (3, m); None if out of reach."""
+        found, distance = self.nearest(place)
+        return found if distance <= HIT else None
+
+    def nearest(self, place: np.ndarray) -> tuple[Equilibrium | None, float]:
+        """The posture whose tip comes nearest to `place`, and its distance (m).
 
         IPOPT starts from the last posture, the arm at half pressure, and a few fixed postures all
-        over the workspace, nearest first: the program is not convex, one start may miss.
+        over the workspace, nearest first, until one start hits: the program is not convex.
         """
         place = np.asarray(place, float).ravel()
+        best, least = None, float("inf")
         for guess in self._guesses(place):
             w = self._solve(place, np.array([0.0, 0.0, 1.0]), guess, along=False)
-            if w is not None:
-                self._last = w
-                q, p = self._split(w)
-                return refine_equilibrium(self.model, np.clip(p, self.low, self.high), q)
-        return None
+            if w is None:
+                continue
+            distance = float(np.linalg.norm(w[-3:])) * self.model.scene.manipulator.length
+            if distance < least:
+                best, least = w, distance
+            if distance <= HIT:
+                break
+        if best is None:
+            return None, least
+        self._last = best if least <= HIT else self._last
+        q, p = self._split(best)
+        return refine_equilibrium(self.model, np.clip(p, self.low, self.high), q), least
 
     def to_edge(self, place: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance (m) from a place in reach to the edge along a unit vector."""
         start = self._last if self._last is not None else self._spread[0][1]
         w = self._solve(place, direction, start, along=True)
-        return None if w is None else float(w[-1]) * self.model.scene.manipulator.length
+        return None if w is None else float(w[-4]) * self.model.scene.manipulator.length
 
     def clearance(
         self, places: np.ndarray, progress: Callable[[int, int], None] | None = None
@@ -114,7 +131,7 @@ class Reach:
 
     def _split(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         n, layout = self.model.strains, self.model.layout
-        return w[:n] * layout.q.scale, w[n:-1] * layout.p.scale
+        return w[:n] * layout.q.scale, w[n:-4] * layout.p.scale
 
     @cached_property
     def _spread(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -125,7 +142,7 @@ class Reach:
         for share in shares:
             rest = find_equilibrium(self.model, self.low + share * (self.high - self.low))
             if rest.converged:
-                w = [rest.q / layout.q.scale, rest.pressures / layout.p.scale, [0.0]]
+                w = [rest.q / layout.q.scale, rest.pressures / layout.p.scale, np.zeros(4)]
                 found.append((rest.tips[-1], np.concatenate(w)))
         return found
 
@@ -141,11 +158,12 @@ class Reach:
             raise InputError(f"place = {place.tolist()}: must be three finite numbers in m")
         n, scale = self.model.strains, self.model.layout.p.scale
         free, ray = np.full(n, np.inf), FAR if along else 0.0
+        miss = np.zeros(3) if along else np.full(3, FAR)
         found = self._solver(
             x0=guess,
             p=np.concatenate([place, direction, [float(along)]]),
-            lbx=np.concatenate([-free, self.low / scale, [0.0]]),
-            ubx=np.concatenate([free, self.high / scale, [ray]]),
+            lbx=np.concatenate([-free, self.low / scale, [0.0], -miss]),
+            ubx=np.concatenate([free, self.high / scale, [ray], miss]),
             lbg=0.0,
             ubg=0.0,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -24,6 +25,7 @@ STEP = 0.08  # s between frames; GIF counts in hundredths, many viewers take non
 MOST_FRAMES = 300
 PIXELS, DOTS = 480, 120  # and dots per inch
 COLOURS = 64
+log = logging.getLogger(__name__)
 Progress = Callable[[int, int], None]
 
 
@@ -47,11 +49,13 @@ def animate(
     seconds = (time[-1] - time[0]) / max(count - 1, 1)
     with replacing(path) as beside:
         _write_gif(frames, beside, seconds)
+    log.info("wrote %s", path)
     if not shutil.which("ffmpeg"):
         return [path]
     movie = path.with_suffix(".mp4")
     with replacing(movie) as beside:
         _write_mp4(frames, beside, seconds)
+    log.info("wrote %s", movie)
     return [path, movie]
 
 

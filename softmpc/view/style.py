@@ -7,6 +7,7 @@ pyplot: nothing global is left behind, and no display is needed.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -27,6 +28,7 @@ COLOURS = ("#0072B2", "#E69F00", "#117755", "#CC79A7", "#7A3B00", "#56B4E9")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 GREY, INK, ALARM = "#7F7F7F", "#222222", "#B22222"
 DPI = 150
+log = logging.getLogger(__name__)
 # A path to follow is a broad light band, and what was done a thin line upon it.
 REFERENCE: dict[str, Any] = {"color": "#BDBDBD", "linewidth": 4.0, "solid_capstyle": "round"}
 TRACE: dict[str, Any] = {"color": ALARM, "linewidth": 1.3}
@@ -117,4 +119,5 @@ def save_figure(made: Figure, path: Path) -> Path:
     """Write a figure; a crash leaves the last good one."""
     with replacing(path) as beside:
         made.savefig(beside)
+    log.info("wrote %s", path)
     return path
