@@ -40,12 +40,23 @@ _HOME = {
     "Equilibrium": "statics.equilibrium",
     "find_equilibrium": "statics.equilibrium",
     "pressures_from_torques": "statics.equilibrium",
+    "Reach": "statics.reach",
+    "simulate": "simulation.run",
+    "simulate_file": "simulation.run",
+    "compare": "simulation.compare",
+    "tracking_problem": "control.ocp",
+    "Mpc": "control.mpc",
+    "track": "control.tracking",
+    "track_file": "control.tracking",
     "SoftmpcError": "errors",
     "InputError": "errors",
     "BuildError": "errors",
 }
 
 if TYPE_CHECKING:
+    from softmpc.control.mpc import Mpc
+    from softmpc.control.ocp import tracking_problem
+    from softmpc.control.tracking import track, track_file
     from softmpc.errors import BuildError, InputError, SoftmpcError
     from softmpc.model.actuation import HydraulicDrive, PressureDrive, StaticDrive
     from softmpc.model.effects import (
@@ -65,11 +76,14 @@ if TYPE_CHECKING:
     from softmpc.model.presets import chen2022
     from softmpc.model.scene import Scene
     from softmpc.model.scene_file import load_scene, save_scene
+    from softmpc.simulation.compare import compare
+    from softmpc.simulation.run import simulate, simulate_file
     from softmpc.statics.equilibrium import (
         Equilibrium,
         find_equilibrium,
         pressures_from_torques,
     )
+    from softmpc.statics.reach import Reach
 
 __all__ = [
     "BuildError",
@@ -88,9 +102,11 @@ __all__ = [
     "Manipulator",
     "MaterialDamping",
     "Model",
+    "Mpc",
     "NewtonEuler",
     "PaperArc",
     "PressureDrive",
+    "Reach",
     "RotaryInertia",
     "Scene",
     "Section",
@@ -100,10 +116,16 @@ __all__ = [
     "VirtualPower",
     "build",
     "chen2022",
+    "compare",
     "find_equilibrium",
     "load_scene",
     "pressures_from_torques",
     "save_scene",
+    "simulate",
+    "simulate_file",
+    "track",
+    "track_file",
+    "tracking_problem",
 ]
 
 

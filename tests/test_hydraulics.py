@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import control
 import numpy as np
 import pytest
@@ -42,7 +43,8 @@ def gain(m: DriveMatrices) -> float:
 
 def test_poles() -> None:
     poles = np.sort(np.linalg.eigvals(drive().A).real)
-    assert_allclose(poles, (-10485, -1149, -66.9), atol=(0.5, 0.5, 0.05))
+    assert_allclose(poles[:2], (-10485, -1149), atol=0.5)
+    assert poles[2] == pytest.approx(-66.9, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +105,7 @@ def test_step_response_settles_at_the_gain() -> None:
     block = np.zeros((4, 4))
     block[:3, :3], block[:3, 3:] = m.A, m.B
     z = expm(0.3 * block)[:3, 3] * 1.5
-    assert_allclose(z, (0, 1.5 * gain(m), 1.5 * gain(m)), atol=1e-3 * gain(m) * 1e-3 + 1e-6)
+    assert_allclose(z, (0, 1.5 * gain(m), 1.5 * gain(m)), atol=0.01)
 
 
 # ------------------------------------------------------------------------------------- in a model
@@ -162,4 +164,6 @@ def test_x_dot_joins_arm_and_drive() -> None:
     assert_allclose(found[n : 2 * n], numbers(m.forward_dynamics(q, dq, p)), rtol=1e-10)
     dz = m.drive.A @ z + m.drive.B @ u
     assert_allclose(found[2 * n :], dz, rtol=1e-9, atol=1e-9 * np.abs(dz).max())
-    assert m.x_dot.sparsity_jac(0, 0)[2 * n :, : 2 * n].nnz() == 0
+    pattern = np.asarray(ca.DM(m.x_dot.sparsity_jac(0, 0)))
+    assert not pattern[2 * n :, : 2 * n].any()
+    assert pattern[n : 2 * n, 2 * n :].any()

@@ -47,35 +47,41 @@ class Answer:
 
 def answering(name: str) -> Callable[[Callable[..., Answer]], Callable[..., int]]:
     """Give a command function --json, --out and --verbose; it gets `out`, a folder or None."""
+    folder = click.Path(path_type=Path)
+    options = (
+        click.option("--json", "as_object", is_flag=True, help="Print one JSON object."),
+        click.option("--out", type=folder, metavar="DIR", help="Write all results to this folder."),
+        click.option("-v", "--verbose", count=True, help="Say what is done; -vv: all of it."),
+    )
 
     def decorate(function: Callable[..., Answer]) -> Callable[..., int]:
-        @click.option("--json", "as_object", is_flag=True, help="Print one JSON object.")
-        @click.option(
-            "--out",
-            type=click.Path(path_type=Path),
-            metavar="DIR",
-            help=f"Write {name}.json and all other results to this folder.",
-        )
-        @click.option("-v", "--verbose", count=True, help="Say what is being done; -vv: all of it.")
         @wraps(function)
-        def run(as_object: bool, out: Path | None, verbose: int, **given: Any) -> int:
+        def run(as_object: bool, verbose: int, **given: Any) -> int:
             _log_to_stderr(verbose)
-            if out:
-                _make_folder(out)
-            started = time.perf_counter()
-            with redirect_stdout(sys.stderr):  # libraries that print do not spoil the answer
-                answer = function(out=out, **given)
-                if out:
-                    write_text(out / f"{name}.json", as_json(answer.data, indent=2))
-            log.info("took %.2f s", time.perf_counter() - started)
+            answer = _answer(name, function, **given)
             click.echo(as_json(answer.data) if as_object else answer.text)
             if answer.problem:
                 notice(f"error: {answer.problem}")
             return answer.status
 
+        for option in reversed(options):
+            option(run)
         return run
 
     return decorate
+
+
+def _answer(name: str, function: Callable[..., Answer], out: Path | None, **given: Any) -> Answer:
+    """Call a command function; with `out`, what it finds is written there as well."""
+    started = time.perf_counter()
+    if out:
+        _make_folder(out)
+    with redirect_stdout(sys.stderr):  # libraries that print do not spoil the answer
+        answer = function(out=out, **given)
+    if out:
+        write_text(out / f"{name}.json", as_json(answer.data, indent=2))
+    log.info("took %.2f s", time.perf_counter() - started)
+    return answer
 
 
 scene_argument = click.argument("scene", type=click.Path(path_type=Path), metavar="SCENE")

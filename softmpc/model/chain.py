@@ -7,7 +7,7 @@ nobody asks for never enter a CasADi function, so they cost nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -198,6 +198,18 @@ class Chain:
 
     def _find(self, kind: type[E]) -> E | None:
         return next((e for e in self.effects if isinstance(e, kind)), None)
+
+    def damping(self) -> Chain:
+        """The same segments with drag and viscosity alone: no mass, no weight, no load."""
+        others = (Gravity, Inertia, Coriolis, TipLoad)
+        chain = Chain(self.scene, tuple(e for e in self.effects if not isinstance(e, others)))
+        for i, segment in enumerate(chain.segments):
+            bodies = tuple(
+                (place, BodyLaw(drag=law.drag, spin_drag=law.spin_drag))
+                for place, law in segment.bodies
+            )
+            chain.segments[i] = replace(segment, bodies=bodies)
+        return chain
 
     def forward(self, state: State, highest: int | None = None) -> list[Link]:
         """Motion of every segment; `highest` is for those who need more Stumpff functions."""

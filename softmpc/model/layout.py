@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -55,47 +57,44 @@ class Layout:
     @classmethod
     def of(cls, scene: Scene) -> Layout:
         """Scales from the arm: full pressure sets the strains, stiffness and mass the rates."""
+        names, units, strain, pace, row = (list(c) for c in zip(*_strains(scene), strict=True))
+        q = np.array(strain)
         arm, drive = scene.manipulator, scene.actuation
-        names, units, strain, rate, rows = [], [], [], [], []
-        for s, section in enumerate(arm.sections):
-            pressure = max(abs(arm.limits.pressure_max), abs(arm.limits.pressure_min))
-            push = section.unit_area * pressure
-            stretch = section.units * push / section.axial_stiffness
-            bend = push * max(section.unit_offset, 1e-3) / section.bending_stiffness
-            pace = np.sqrt(section.bending_stiffness / (section.mass * section.length**3))
-            rest = section.length / scene.segments
-            for i in range(scene.segments):
-                for kind in scene.strains:
-                    size = stretch if kind == "epsilon" else bend
-                    names.append(f"{kind}_{s + 1}_{i + 1}")
-                    units.append(UNITS[kind])
-                    strain.append(size)
-                    rate.append(size * pace)
-                    stiff = (
-                        section.axial_stiffness if kind == "epsilon" else section.bending_stiffness
-                    )
-                    rows.append(rest * stiff * size)
-        q, dq = np.array(strain), np.array(rate)
-        count = range(1, arm.units + 1)
-        pressure = arm.limits.pressure_max
+        count, pressure = range(1, arm.units + 1), _full_pressure(scene)
         sizes = {"piston_speed": 0.05, "P_a": pressure, "P_c": pressure}
-        z = [(f"{kind}_{j}", UNITS[kind], sizes[kind]) for kind in drive.states for j in count]
-        letter, unit, size = (
-            ("T", "N·m", max(abs(arm.limits.torque_max), abs(arm.limits.torque_min)))
-            if drive.input == "torque"
-            else ("P", "Pa", pressure)
-        )
+        torque = max(abs(arm.limits.torque_max), abs(arm.limits.torque_min))
+        p = _column([(f"P_{j}", "Pa", pressure) for j in count])
         return cls(
             q=Variables(tuple(names), tuple(units), q),
-            dq=_rates(names, units, dq, 1),
-            ddq=_rates(names, units, dq * dq / q, 2),
-            z=_column(z),
-            u=_column([(f"{letter}_{j}", unit, size) for j in count]),
-            p=_column([(f"P_{j}", "Pa", pressure) for j in count]),
-            r=Variables(
-                tuple(f"balance of {n}" for n in names), ("",) * len(names), np.array(rows)
+            dq=_rates(names, units, q * pace, 1),
+            ddq=_rates(names, units, q * np.square(pace), 2),
+            z=_column(
+                [(f"{kind}_{j}", UNITS[kind], sizes[kind]) for kind in drive.states for j in count]
             ),
+            u=_column([(f"T_{j}", "N·m", torque) for j in count]) if drive.input == "torque" else p,
+            p=p,
+            r=Variables(tuple(f"balance of {n}" for n in names), ("",) * len(names), np.array(row)),
         )
+
+
+def _full_pressure(scene: Scene) -> float:
+    limits = scene.manipulator.limits
+    return max(abs(limits.pressure_max), abs(limits.pressure_min))
+
+
+def _strains(scene: Scene) -> Iterator[tuple[str, str, float, float, float]]:
+    """Name, unit, size, pace (1/s) and size of its equation, of each strain that is a state."""
+    for s, section in enumerate(scene.manipulator.sections):
+        push = section.unit_area * _full_pressure(scene)
+        stretch = section.units * push / section.axial_stiffness
+        bend = push * max(section.unit_offset, 1e-3) / section.bending_stiffness
+        pace = float(np.sqrt(section.bending_stiffness / (section.mass * section.length**3)))
+        rest = section.length / scene.segments
+        sizes = dict.fromkeys(STRAINS, (bend, rest * section.bending_stiffness * bend))
+        sizes["epsilon"] = (stretch, rest * section.axial_stiffness * stretch)
+        for i, kind in product(range(scene.segments), scene.strains):
+            size, row = sizes[kind]
+            yield f"{kind}_{s + 1}_{i + 1}", UNITS[kind], size, pace, row
 
 
 def _rates(names: list[str], units: list[str], scale: np.ndarray, order: int) -> Variables:

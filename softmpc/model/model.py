@@ -19,7 +19,7 @@ from softmpc.errors import BuildError
 from softmpc.model import energy, newton_euler, places, virtual_power
 from softmpc.model.chain import Chain, State
 from softmpc.model.derivatives import Blocks, can_differentiate, differentiate
-from softmpc.model.effects import Coriolis, Effect, Gravity, Inertia, RotaryInertia, TipLoad
+from softmpc.model.effects import Effect, TipLoad
 from softmpc.model.formulations import NewtonEuler
 from softmpc.model.hydraulics import DriveMatrices
 from softmpc.model.layout import Layout
@@ -121,9 +121,7 @@ class Model:
 
     @cached_property
     def _damping(self) -> Chain:
-        """The chain with only those effects that act by rates alone."""
-        others = (Gravity, Inertia, Coriolis, RotaryInertia, TipLoad)
-        return Chain(self.scene, tuple(e for e in self.scene.effects if not isinstance(e, others)))
+        return self.chain.damping()
 
     @cached_property
     def residual(self) -> ca.Function:

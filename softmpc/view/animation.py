@@ -81,15 +81,20 @@ def _render(
     clock = made.text(0.03, 0.98, "", fontsize=9, va="top")
     frames = []
     for done, (k, shape) in enumerate(zip(picks, shapes, strict=True), 1):
-        moving = draw_tube(axes, shape, [0.6 * radius for radius in arm.radii])
         trace.set_data_3d(*tips[: k + 1].T)
         clock.set_text(f"{head}\nt = {time[k]:.1f} s".strip())
-        made.canvas.draw()
-        frames.append(np.asarray(made.canvas.buffer_rgba())[..., :3].copy())
-        for artist in moving:
-            artist.remove()
+        frames.append(_snapshot(made, axes, shape, [0.6 * radius for radius in arm.radii]))
         progress(done, len(picks))
     return frames
+
+
+def _snapshot(made: Any, axes: Any, shape: list[np.ndarray], radii: list[float]) -> np.ndarray:
+    """The picture with the arm in that shape, which is taken away again."""
+    moving = draw_tube(axes, shape, radii)
+    made.canvas.draw()
+    for artist in moving:
+        artist.remove()
+    return np.asarray(made.canvas.buffer_rgba())[..., :3].copy()
 
 
 def _stage(arm: Arm, box: np.ndarray, reference: np.ndarray | None) -> tuple[Any, Any]:

@@ -101,18 +101,25 @@ def _moments(result: Any) -> np.ndarray:
 
 
 def _draw_error(axes: Axes, result: Any) -> None:
-    """Distance of the tip from its reference (mm), and from when on it counts."""
-    time, error = result.time, result.error * 1e3
-    axes.plot(time, error, color=INK, linewidth=0.8)
+    """Distance of the tip from its reference (mm), and from when on it counts.
+
+    It ripples with each step of the controller: a band from least to most, a line for the mean.
+    """
+    error, count = result.error * 1e3, max(1, len(result.control_time))
+    steps = np.array_split(np.arange(len(error)), min(count, len(error)))
+    low, mean, high = (np.array([f(error[k]) for k in steps]) for f in (np.min, np.mean, np.max))
+    time = np.array([result.time[k].mean() for k in steps])
+    axes.fill_between(time, low, high, color=GREY, alpha=0.45, linewidth=0)
+    axes.plot(time, mean, color=INK, linewidth=1.1)
     axes.axvline(result.settle, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     label(axes, TIME, "tip error (mm)", f"tip error, counted from {result.settle:g} s on (dashed)")
-    settled = error[time >= result.settle]
+    settled = error[result.time >= result.settle]
     if len(settled) and error.max() > 10 * settled.max():  # a start from afar
         axes.set_yscale("log")
         axes.set_ylim(max(settled.min(), settled.max() / 30) / 2, 1.5 * error.max())
         plain_log(axes)
     else:
-        axes.set_ylim(0, None)
+        axes.set_ylim(0, 1.05 * max(error.max(), 1e-6))
 
 
 def _draw_coordinates(axes: Axes, result: Any) -> None:

@@ -1,1 +1,1 @@
-"""Measurements, run by hand: `python -m tests.benchmarks.NAME`."""
+"""Benchmarks: run one with `python -m tests.benchmarks.NAME`; they print and never fail."""
