@@ -16,7 +16,8 @@ __all__ = ["replacing"]
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """`with replacing(path) as beside`: what is written beside takes the place of `path`.
 
-    A crash leaves the last good file; a folder that is missing is made. Raises `InputError` where nothing can be written.
+    A crash leaves the last good file; a folder that is missing is made. Raises `InputError` where
+    nothing can be written.
     """
     path = Path(path)
     beside = path.with_name(f".{os.getpid()}.{path.name}")

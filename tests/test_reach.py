@@ -33,7 +33,7 @@ def test_posture_holds_the_tip_within_the_pressures(reach: Reach, model: Model, 
     assert found.stable
     assert found.tips[-1] == pytest.approx(place, abs=1e-7)
     low, high = pressure_range(model)
-    assert np.all(found.pressures >= low - 1) and np.all(found.pressures <= high + 1)  # noqa: PT018
+    assert np.all(found.pressures >= low - 1) and np.all(found.pressures <= high + 1)
     again = find_equilibrium(model, found.pressures)
     assert again.tips[-1] == pytest.approx(place, abs=1e-6)
 

@@ -7,6 +7,7 @@ starts afresh from the arm at rest.
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from softmpc.control.transcription import Transcription
 __all__ = ["Mpc", "Step"]
 
 FAILURES_BEFORE_RESTART = 3
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -97,13 +99,15 @@ class Mpc:
         held = np.where(np.isfinite(u_before), u_before, self.low)
         if self._good is not None and self._age < self.transcription.N:
             held = self.transcription.split(self._good.w)[0][self._age]
+        worst = f"{solution.worst} ({solution.violation:.2g})" if solution else ""
+        LOG.warning("solve failed, %d in a row: %s %s", self._age, why, worst)
         return Step(
             np.clip(held, self.low, self.high),
             f"failed: {why}",
             time.perf_counter() - started,
             solution.iterations if solution else 0,
             float("nan"),
-            f"{solution.worst} ({solution.violation:.2g})" if solution else "",
+            worst,
         )
 
 

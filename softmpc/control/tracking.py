@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document, scene_from_dict
 from softmpc.model.tables import Table
 from softmpc.simulation.idas import Idas
+from softmpc.simulation.interrupts import InterruptLater
 from softmpc.statics.reach import Clearance, Reach
 
 __all__ = ["Tracking", "read_tracking", "track", "track_file"]
@@ -77,17 +78,20 @@ def track(scene: Scene, task: Tracking, progress: Progress | None = None) -> Tra
 
     Raises `SceneError` where the path leaves the workspace, before any control is computed.
     """
-    model = build(scene)
-    ocp = tracking_problem(model, task.horizon, task.step, task.costs)
-    plant = Idas(model, task.plant_tolerance)
-    reach = Reach(model)
-    clearance = _clearance(reach, task.reference)
-    posture = reach.posture(task.reference.position([0.0])[0])
-    if posture is None or not posture.stable:
-        raise SceneError("[track]: no stable posture holds the tip at the start of the path")
-    transcription = Transcription(ocp, task.stages)
-    solver = Ipopt(transcription, task.hessian, task.tolerance, task.max_iterations)
-    mpc, start = Mpc(transcription, solver), start_at(model, posture)
+    with InterruptLater() as interrupt:
+        model = build(scene)
+        ocp = tracking_problem(model, task.horizon, task.step, task.costs)
+        plant = Idas(model, task.plant_tolerance)
+        reach = Reach(model)
+        clearance = _clearance(reach, task.reference)
+        posture = reach.posture(task.reference.position([0.0])[0])
+        if posture is None or not posture.stable:
+            raise SceneError("[track]: no stable posture holds the tip at the start of the path")
+        transcription = Transcription(ocp, task.stages)
+        solver = Ipopt(transcription, task.hessian, task.tolerance, task.max_iterations)
+        mpc, start = Mpc(transcription, solver), start_at(model, posture)
+    if interrupt.asked:
+        raise KeyboardInterrupt
     result = close_loop(mpc, plant, task.reference, start, settle=task.settle, progress=progress)
     return replace(result, clearance_m=clearance.distance)
 
@@ -157,7 +161,7 @@ def _read_path(table: Table, folder: Path) -> TipPath:
         return Line(table.vector("start", 3, unit="m"), table.vector("end", 3, unit="m"))
     center = table.vector("center", 3, unit="m")
     normal = table.vector("normal", 3, DOWN)
-    size = {"unit": "m", "low": 0.0, "low_open": True, "high": 100.0}
+    size: dict[str, Any] = {"unit": "m", "low": 0.0, "low_open": True, "high": 100.0}
     if kind == "figure-eight":
         width, height = table.number("width", **size), table.number("height", **size)
         return FigureEight(center, width, height, normal)

@@ -30,12 +30,13 @@ def describe(model: Model) -> str:
     """A few lines: what the scene has, its states and inputs, the size of its functions."""
     scene, layout = model.scene, model.layout
     effects = ", ".join(e.name for e in scene.effects) or "none"
+    states = len(layout.x) if model.order == 2 else model.strains + len(layout.z)
     counts = ", ".join(f"{k} {v}" for k, v in model.instructions().items())
     return (
         f"Model of {scene.manipulator.name}: {len(scene.manipulator.sections)} sections × "
         f"{scene.segments} segments, {scene.formulation.name}, {scene.formulation.mass.name}, "
         f"{scene.kinematics.name}\n"
-        f"  states   {len(layout.x.names)}: {model.strains} strains ({', '.join(scene.strains)})"
+        f"  states   {states}: {model.strains} strains ({', '.join(scene.strains)})"
         f"{', their rates' if model.order == 2 else ''}"
         f"{f', {len(layout.z.names)} of the drive' if layout.z.names else ''}\n"
         f"  inputs   {len(layout.u.names)} × {scene.actuation.input} ({scene.actuation.name})\n"

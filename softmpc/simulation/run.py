@@ -180,13 +180,13 @@ def _pieces(stamps: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, list[tup
 
 
 def _equal_steps(marks: np.ndarray, bend: np.ndarray) -> Iterator[tuple[int, int]]:
-    steps, first = np.diff(marks), 0
+    steps, first = np.diff(marks).tolist(), 0
     for last in range(1, len(marks)):
         ends = (
             last == len(marks) - 1
             or bend[last]
             or last - first == CHUNK
-            or not np.isclose(steps[last], steps[first], rtol=1e-6, atol=0.0)
+            or abs(steps[last] - steps[first]) > 1e-6 * steps[first]
         )
         if ends:
             yield first, last

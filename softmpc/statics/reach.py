@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -71,8 +72,8 @@ class Reach:
         off = (model.tip(q) - place) / length - miss
         effort = 0.5 * ca.sumsqr(w[n : n + m]) / m + 0.5 * PRICE * ca.sumsqr(miss)
         objective = (1 - parameters[6]) * effort - parameters[6] * along
-        problem = {"x": w, "p": parameters, "f": objective, "g": ca.vertcat(balance, off)}
-        quiet = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 200}
+        problem: Any = {"x": w, "p": parameters, "f": objective, "g": ca.vertcat(balance, off)}
+        quiet: dict[str, Any] = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 200}
         return ca.nlpsol(
             "reach", "ipopt", problem, {"print_time": False, "error_on_fail": False, "ipopt": quiet}
         )
