@@ -197,7 +197,7 @@ def test_axial_and_torsional_frequencies(
 
 def test_rotary_inertia_lowers_bending_frequencies_a_little() -> None:
     """Rayleigh: ω²/ω₀² ≈ 1 - ¼ r² ∫φ'² = 1 - 4.65 r²/4 for the first mode φ of the unit rod."""
-    slow, fast = (frequencies(PLANE, 16, *e)[0] for e in ((RotaryInertia(),), ()))
+    slow, fast = (frequencies(PLANE, 12, *e)[0] for e in ((RotaryInertia(),), ()))
     assert 1 - (slow / fast) ** 2 == pytest.approx(4.65 * DISC**2 / 4, rel=0.02)
 
 
@@ -216,13 +216,14 @@ def test_buckling_loads(own_weight: bool) -> None:
     def critical(segments: int) -> Array:
         """The tangent at the straight arm is linear in the load."""
         free, loaded = (
-            np.asarray(model(PLANE, segments, push(x)).stiffness(0, 0)[0]) for x in (1e-9, 1.0)
+            np.asarray(model(PLANE, segments, *effects).stiffness(0, 0)[0])
+            for effects in ((), (push(1.0),))
         )
         return np.asarray(1 / eigh(free - loaded, free, eigvals_only=True).max())
 
     second_order([critical(n) / exact for n in (3, 6, 12)], np.ones(1), 5e-4)
-    load = critical(8)
-    below, above = (rest(push(x * load), strains=PLANE, segments=8) for x in (0.999, 1.001))
+    load = float(critical(6))
+    below, above = (rest(push(x * load), strains=PLANE, segments=6) for x in (0.999, 1.001))
     assert below.stable
     assert not above.stable
     assert_allclose((below.tips[0], above.tips[0]), [(0, 0, 1)] * 2, atol=1e-12)

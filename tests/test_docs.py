@@ -14,6 +14,7 @@ import click
 import pytest
 from pages import PAGES, ROOT, Block, blocks, links, run, tidy, workplace
 
+import softmpc
 from softmpc.model.scene_file import scene_from_dict
 from softmpc.model.scene_reference import reference_page
 
@@ -118,6 +119,12 @@ def test_pictures_are_made(tmp_path: Path) -> None:
     page = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
     assert made == {Path(target).name for target in links(page) if target.endswith(".png")}
     assert made <= {path.name for path in (ROOT / "docs" / "images").iterdir()}
+
+
+def test_api_page_has_all_public_names() -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    shown = set(re.findall(r"automodule:: softmpc\.(\S+)", page))
+    assert set(softmpc._HOME.values()) - shown == set()
 
 
 # ---------------------------------------------------------------- the tools above

@@ -129,7 +129,7 @@ def test_inertia_rate_less_twice_coriolis_is_skew(name: str) -> None:
 # ---------------------------------------------------------------------------------- one residual
 
 
-@every
+@pytest.mark.parametrize("name", [n for n in SCENES if n != "3 segments"])
 def test_residual_is_the_sum_of_its_terms(name: str) -> None:
     """r = M ddq + C dq + N - τ, and `equations` returns the same four as the four functions."""
     model, rows = scene(name), scene(name).layout.r.scale
@@ -167,14 +167,14 @@ def test_residual_jacobian(name: str) -> None:
             v = ca.SX.sym("v", len(variables))
             along = ca.Function("along", [*symbols, v], [ca.jtimes(r, symbols[k], v)])
             exact = np.asarray(along(*at, ca.diag(variables.scale))) / layout.r.scale[:, None]
-            assert_allclose(scaled, exact, atol=1e-11 * size)
+            assert_allclose(scaled, exact, atol=1e-13 * size)
 
             def shifted(x: Array, k: int = k, at: tuple[Array, ...] = at) -> Any:
                 return model.residual(*at[:k], x, *at[k + 1 :])
 
             by_steps = differences(shifted, at[k], 0.01 * variables.scale)
             by_steps = by_steps * variables.scale / layout.r.scale[:, None]
-            assert_allclose(scaled, by_steps, atol=1e-8 * size)
+            assert_allclose(scaled, by_steps, atol=1e-9 * size)
         assert blocks[0].shape == blocks[2].shape == (n, n)
 
 

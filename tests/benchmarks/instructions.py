@@ -4,8 +4,7 @@
 
 For 1, 2, 4 and 8 segments a section of the paper's arm, with and without rotary inertia:
 instructions and microseconds a call (median) of the residual, of its Jacobian in (q, dq, ddq) by
-recursion and by plain automatic differentiation (up to N segments, 2 unless told: at 8 it takes
-minutes), and of M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over
+recursion and by plain automatic differentiation (up to N segments, 8 unless told), and of M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over
 that by recursion, in instructions.
 """
 
@@ -82,7 +81,7 @@ def _time(function: ca.Function) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=_Raw)
-    parser.add_argument("--ad", type=int, default=2, help="most segments for automatic Jacobians")
+    parser.add_argument("--ad", type=int, default=8, help="most segments for automatic Jacobians")
     largest_ad = parser.parse_args().ad
     for title, effects in EFFECTS.items():
         print(f"\n{title}")
