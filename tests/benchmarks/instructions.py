@@ -4,8 +4,8 @@
 
 For 1, 2, 4 and 8 segments a section of the paper's arm, with and without rotary inertia:
 instructions and microseconds a call (median) of the residual, of its Jacobian in (q, dq, ddq) by
-recursion and by plain automatic differentiation (up to N segments, 8 unless told), and of M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over
-that by recursion, in instructions.
+recursion and by plain automatic differentiation (up to N segments, 8 unless told), and of
+M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over that by recursion.
 """
 
 from __future__ import annotations
