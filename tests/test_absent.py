@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -27,6 +27,7 @@ from softmpc.model.effects import (
 from softmpc.model.formulations import Formulation, NewtonEuler, VirtualPower
 from softmpc.model.kinematics import PaperArc
 from softmpc.model.model import Model
+from softmpc.model.parameters import Section
 from softmpc.model.scene import STRAINS
 
 FORCE, MOMENT = (0.5, -1.0, 0.3), (0.05, 0.1, -0.08)
@@ -267,3 +268,27 @@ def test_strains_left_out_are_zero(strains: tuple[str, ...]) -> None:
         wanted = np.asarray(whole)[np.ix_(rows, rows if k < 3 else range(len(p)))]
         assert_allclose(block, wanted, atol=1e-12 * max(np.abs(wanted).max(), 1e-9))
     assert_allclose(part.frames(motion[0])[0], full.frames(held[0])[0], atol=1e-15)
+
+
+def test_effects_that_bring_the_same_coefficient_add_up() -> None:
+    """An effect of one's own beside a built-in one: neither overwrites the other."""
+
+    @dataclass(frozen=True)
+    class Ballast(Effect):
+        """A third of the arm's mass more, with its weight."""
+
+        name: ClassVar[str] = "ballast"
+
+        def on_body(self, section: Section, share: float) -> dict[str, float]:
+            return {"mass": share * section.mass / 3, "heavy": share * section.mass / 3}
+
+    sections = tuple(replace(s, mass=s.mass * 4 / 3) for s in PAPER.sections)
+    heavy = model_of(replace(PAPER, sections=sections), effects=LEAN)
+    loaded = model_of(effects=(*LEAN, Ballast()))
+    state = States(loaded)
+    q, dq, ddq, p = state.motion()
+    expected = np.asarray(heavy.residual(q, dq, ddq, p))
+    assert np.asarray(loaded.residual(q, dq, ddq, p)) == pytest.approx(expected, rel=1e-12)
+    assert np.asarray(loaded.stiffness(q, p)[0]) == pytest.approx(
+        np.asarray(heavy.stiffness(q, p)[0]), rel=1e-10, abs=1e-12
+    )

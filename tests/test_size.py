@@ -58,7 +58,7 @@ DEFAULT = {
     "tau": 76,
     "equations": 11185,
     "balance": 1169,
-    "stiffness": 3600,
+    "stiffness": 3399,
     "frames": 446,
 }
 

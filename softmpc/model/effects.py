@@ -59,7 +59,6 @@ class Effect(ABC):
     """Something a scene may contain or leave out."""
 
     name: ClassVar[str]
-    only_in_motion: ClassVar[bool] = False  # nothing at rest
 
     def on_body(self, section: Section, share: float) -> dict[str, float]:
         """Coefficients of `BodyLaw` for a body with that share of the section's mass."""
@@ -100,7 +99,6 @@ class Inertia(Effect):
     """Inertia of the bodies; left out, the arm is quasi-static."""
 
     name: ClassVar[str] = "inertia"
-    only_in_motion: ClassVar[bool] = True
 
     def on_body(self, section: Section, share: float) -> dict[str, float]:
         return {"mass": share * section.mass}
@@ -111,7 +109,6 @@ class Coriolis(Effect):
     """The part of the accelerations that is quadratic in the rates."""
 
     name: ClassVar[str] = "coriolis"
-    only_in_motion: ClassVar[bool] = True
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,6 @@ class RotaryInertia(Effect):
     """Inertia of the cross-sections against turning; without it twist has no mass."""
 
     name: ClassVar[str] = "rotary_inertia"
-    only_in_motion: ClassVar[bool] = True
 
     def on_body(self, section: Section, share: float) -> dict[str, float]:
         return {"disc": disc_inertia(share * section.mass, section.disc_radius)}
@@ -142,7 +138,6 @@ class EnvironmentDamping(Effect):
     """
 
     name: ClassVar[str] = "environment_damping"
-    only_in_motion: ClassVar[bool] = True
 
     def on_body(self, section: Section, share: float) -> dict[str, float]:
         return {
@@ -156,7 +151,6 @@ class MaterialDamping(Effect):
     """Kelvin-Voigt viscosity of the rubber: stress η dε/dt beside E ε, G replaced by η/3."""
 
     name: ClassVar[str] = "material_damping"
-    only_in_motion: ClassVar[bool] = True
 
     def on_strains(self, section: Section, rest: float) -> tuple[float, ...]:
         slow = section.viscosity / section.young_modulus
@@ -193,8 +187,9 @@ EFFECTS: tuple[type[Effect], ...] = (
 
 
 def body_law(effects: tuple[Effect, ...], section: Section, share: float) -> BodyLaw:
-    """The coefficients that the scene's effects bring to a body."""
+    """The coefficients that the scene's effects bring to a body, added up."""
     brought: dict[str, float] = {}
     for effect in effects:
-        brought |= effect.on_body(section, share)
+        for name, value in effect.on_body(section, share).items():
+            brought[name] = brought.get(name, 0.0) + value
     return BodyLaw(**{k: v for k, v in brought.items() if v != 0.0})

@@ -231,8 +231,7 @@ class Model:
         if self._printed:
             K = ca.sparsify(ca.jacobian(r, self._state.q))
         else:
-            chain = Chain(self.scene, tuple(e for e in self.scene.effects if not e.only_in_motion))
-            K = differentiate(chain, self._rest, self._pressures).by_q
+            K = differentiate(self.chain, self._rest, self._pressures).by_q
         symbols = {"q": self._state.q, "p": self._p}
         return self._function("stiffness", symbols, {"K": K, "by_p": ca.jacobian(r, self._p)})
 

@@ -35,7 +35,7 @@ def body_wrench(link: Link, point: Point, law: BodyLaw) -> Wrench:
     elif law.mass is not None:
         force = law.mass * acceleration
     elif law.heavy is not None:
-        force = -law.heavy * link.gravity
+        force = law.heavy * -link.gravity
     if law.drag is not None:
         force = force + law.drag * velocity
     return force, _body_moment(link, point, law) if law.turns else None
