@@ -87,10 +87,10 @@ def test_derivatives_are_those_of_the_program(drive) -> None:
     program = t.program
     rng = np.random.default_rng(0)
     w, p = rng.uniform(0.2, 0.5, program.w.shape[0]), rng.uniform(0.2, 0.5, program.p.shape[0])
-    g, J = program.gauss_newton["jac_g"](w, p)
+    _g, J = program.gauss_newton["jac_g"](w, p)
     plain = ca.Function("J", [program.w, program.p], [ca.jacobian(program.g, program.w)])(w, p)
     assert np.asarray(J) == pytest.approx(np.asarray(plain), rel=1e-9, abs=1e-9)
-    f, slope = program.gauss_newton["grad_f"](w, p)
+    _f, slope = program.gauss_newton["grad_f"](w, p)
     plain = ca.Function("s", [program.w, program.p], [ca.gradient(program.f, program.w)])(w, p)
     assert np.asarray(slope) == pytest.approx(np.asarray(plain), rel=1e-9, abs=1e-9)
     assert len(program.names) == program.w.shape[0]

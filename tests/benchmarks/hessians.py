@@ -1,6 +1,6 @@
 """What the Hessian costs: Gauss-Newton against exact, the same problem with IPOPT.
 
-    python -m tests.benchmarks.hessians [--intervals 20]
+python -m tests.benchmarks.hessians [--intervals 20]
 """
 
 from __future__ import annotations
