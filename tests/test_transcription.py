@@ -16,6 +16,7 @@ from softmpc.control.limits import (
     TorqueRateLimit,
 )
 from softmpc.control.ocp import Ocp, tracking_problem
+from softmpc.control.stage import Stage
 from softmpc.control.transcription import Transcription
 from softmpc.errors import BuildError, InputError
 from softmpc.model.actuation import PressureDrive, StaticDrive
@@ -237,9 +238,9 @@ def test_stroke_limit_binds_without_a_state_of_its_own(model: Model) -> None:
         (lambda m: Ocp(m, 5, 0.025, (), ()), "costs is empty"),
         (lambda m: TipPosition(0.0), "must be above 0"),
         (lambda m: TorqueLimit(1.0, 1.0), "must be below"),
-        (lambda m: Transcription(Ocp(m, 2, 0.1, (Torque(),), (StrainLimit(0, 1, "kapa"),)))._limits, "no such strain"),
+        (lambda m: StrainLimit(0, 1, "kapa").rows(Stage.of(m)), "no such strain"),
     ],
-)  # fmt: skip
+)
 def test_bad_problems_are_refused(model: Model, make, message: str) -> None:
     with pytest.raises(InputError, match=message):
         make(model)
