@@ -16,7 +16,12 @@ from softmpc.errors import InputError
 from softmpc.model.actuation import PressureDrive, StaticDrive
 from softmpc.model.effects import Gravity, TipLoad
 from softmpc.model.elasticity import StrainElasticity
-from softmpc.model.formulations import Formulation, NewtonEuler, VirtualPower
+from softmpc.model.formulations import (
+    Formulation,
+    FullNewtonEuler,
+    NewtonEuler,
+    VirtualPower,
+)
 from softmpc.model.kinematics import Arc, ConstantStrainArc, PaperArc
 from softmpc.model.mass import LumpedMass
 from softmpc.model.model import Model
@@ -119,6 +124,7 @@ def posture(name: str, segments: int) -> Equilibrium:
     "formulation, arc, column",
     [
         (NewtonEuler(), PaperArc(), {1: "0.080", 2: "0.046", 4: "0.125"}),
+        (FullNewtonEuler(), PaperArc(), {1: "0.157", 2: "0.090", 4: "0.048"}),
         (
             VirtualPower(mass=LumpedMass()),
             ConstantStrainArc(),
@@ -130,7 +136,7 @@ def posture(name: str, segments: int) -> Equilibrium:
             {1: "0.0096", 2: "0.0022", 4: "0.00055", 8: "0.00014"},
         ),
     ],
-    ids=["printed", "lumped", "default"],
+    ids=["printed", "full wrench", "lumped", "default"],
 )
 def test_table_of_tip_errors(formulation: Formulation, arc: Arc, column: dict[int, str]) -> None:
     """Distance of the tip from the rod, to every digit of the table (half a unit of the last)."""

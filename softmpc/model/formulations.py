@@ -9,7 +9,7 @@ from typing import ClassVar
 from softmpc.model.elasticity import Elasticity, EnergyElasticity, StrainElasticity
 from softmpc.model.mass import GaussMass, LumpedMass, MassDistribution
 
-__all__ = ["Formulation", "NewtonEuler", "VirtualPower"]
+__all__ = ["Formulation", "FullNewtonEuler", "NewtonEuler", "VirtualPower"]
 
 
 class Formulation(ABC):
@@ -39,3 +39,10 @@ class NewtonEuler(Formulation):
     @property
     def mass(self) -> MassDistribution:  # type: ignore[override]
         return LumpedMass()
+
+
+@dataclass(frozen=True)
+class FullNewtonEuler(NewtonEuler):
+    """The balance with the full wrench transmitted: lumped mass, converges at first order."""
+
+    name: ClassVar[str] = "newton-euler-full"

@@ -38,14 +38,14 @@ class LumpedMass(MassDistribution):
 
 @dataclass(frozen=True)
 class GaussMass(MassDistribution):
-    """Mass at 1 or 2 Gauss-Legendre points: second order in segment length."""
+    """Mass at 1, 2 or 3 Gauss-Legendre points: second order in segment length."""
 
     points: int = 2
 
     def __post_init__(self) -> None:
-        if self.points not in (1, 2):
+        if self.points not in (1, 2, 3):
             raise SceneError(
-                f"GaussMass(points={self.points!r}): must be 1 or 2; 2 is accurate enough for the "
+                f"GaussMass(points={self.points!r}): must be 1, 2 or 3; 2 are enough for the "
                 "constant strain of a segment, so use more segments instead"
             )
 

@@ -1,8 +1,9 @@
 """The paper's own formulation: force and moment balance of each segment, as printed.
 
 Four rows a segment: axial force and three moments about o_{i-1}, in frame i-1. The page's slips
-are read as docs/equations.md says. The next segment hands back its axial force and its moment
-only, so this model does not converge with more segments: it is here to be compared with.
+are read as docs/equations.md says. As printed, the next segment hands back its axial force and its
+moment only, so that model does not converge with more segments: it is here to be compared with.
+`FullNewtonEuler` hands back the whole wrench and converges, at first order.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ import casadi as ca
 from softmpc.model.chain import Chain, Link, State
 from softmpc.model.drive import driving_force, driving_moment
 from softmpc.model.effects import BodyLaw
+from softmpc.model.formulations import FullNewtonEuler
 
 __all__ = ["Balance", "equations"]
 
 SX = Any
+ROWS = slice(2, 6)  # of a wrench: axial force and the three moments
 
 
 @dataclass(frozen=True)
@@ -50,12 +53,14 @@ def equations(chain: Chain, state: State, pressures: list[SX | None]) -> Balance
     """
     links = chain.forward(state)
     motions = _kinematics(chain, links, state)
+    if isinstance(chain.scene.formulation, FullNewtonEuler):
+        return _transmitted(chain, links, motions, state, pressures)
     M, C, N, tau = [], [], [], []
     for i, (link, motion) in enumerate(zip(links, motions, strict=True)):
         law = link.segment.bodies[0][1]
         following = links[i + 1] if i + 1 < len(links) else None
-        M.append(_mass(motion, law))
-        C.append(_rates(chain, link, motion, law, state))
+        M.append(_mass(motion, law)[ROWS, :])
+        C.append(_with_viscosity(link, _rates(chain, motion, law, state)[ROWS, :]))
         N.append(_position(chain, link, motion, law, following))
         tau.append(_inputs(link, motion, following, pressures))
     return Balance(*(ca.sparsify(ca.vertcat(*rows)) for rows in (M, C, N, tau)))
@@ -107,24 +112,24 @@ def _disc_tensor(motion: Kinematics, law: BodyLaw) -> SX | None:
 
 
 def _wrench(force: SX, moment: SX, place: SX) -> SX:
-    """Rows of (13) for a force at the tip of a segment and a moment.
+    """Force and moment about o_{i-1} (6 rows) of a force at the tip of a segment and a moment.
 
-    Implements Eq. (13): the axial force, and the moment about o_{i-1} with X × force.
-    Source: paper section 2.2.
+    Implements Eq. (13): the moment has X × force; `ROWS` takes the axial force and the moments,
+    since shear is ignored. Source: paper section 2.2.
     """
-    return ca.vertcat(force[2, :], ca.skew(place) @ force + moment)
+    return ca.vertcat(force, ca.skew(place) @ force + moment)
 
 
 def _mass(motion: Kinematics, law: BodyLaw) -> SX:
-    """Implements Eq. (27): rows of M(q). Source: paper section 2.2.6."""
+    """Implements Eq. (27): wrenches of unit accelerations. Source: paper section 2.2.6."""
     mass = law.mass or 0.0
     inertia = _disc_tensor(motion, law)
     moment = ca.SX(*motion.turn.shape) if inertia is None else inertia @ motion.turn
     return _wrench(mass * motion.travel, moment, motion.place)
 
 
-def _rates(chain: Chain, link: Link, motion: Kinematics, law: BodyLaw, state: State) -> SX:
-    """Rows of C(q, q̇): inertia that is quadratic in the rates, and damping.
+def _rates(chain: Chain, motion: Kinematics, law: BodyLaw, state: State) -> SX:
+    """Wrenches of C(q, q̇): inertia that is quadratic in the rates, and damping.
 
     Implements Eqs. (14), (28): m dv/dt, I dω/dt + ω × I ω with ω = U q̇, d_v v and d_ω ω.
     Source: paper sections 2.2.1 and 2.2.6.
@@ -141,7 +146,11 @@ def _rates(chain: Chain, link: Link, motion: Kinematics, law: BodyLaw, state: St
         force = force + law.drag * motion.travel
     if law.spin_drag is not None:
         moment = moment + law.spin_drag * motion.turn
-    rows = _wrench(force, moment, motion.place)
+    return _wrench(force, moment, motion.place)
+
+
+def _with_viscosity(link: Link, rows: SX) -> SX:
+    """Rows of C with the viscous tension and moments of the segment itself."""
     if link.segment.viscosity is not None:
         for kind, i in link.segment.states.items():
             rows[kind, i] += link.segment.viscosity[kind] / link.segment.rest
@@ -166,7 +175,7 @@ def _handed_back(motion: Kinematics, force: SX, moment: SX) -> SX:
     Implements Eq. (22), elastic or driving part: only its axial force and its moment are
     transmitted, shear is dropped. Source: paper section 2.2.4.
     """
-    return _wrench(motion.rotation @ force, motion.rotation @ moment, motion.place)
+    return _wrench(motion.rotation @ force, motion.rotation @ moment, motion.place)[ROWS]
 
 
 def _position(
@@ -176,13 +185,16 @@ def _position(
 
     Implements Eqs. (25), (30); the weight's moment is X × G. Source: paper section 2.2.6.
     """
-    tension, moment = _elastic(chain, link)
-    rows = ca.vertcat(tension[2], moment)
-    if law.heavy is not None:
-        rows = rows - _wrench(law.heavy * link.gravity, ca.SX(3, 1), motion.place)
+    rows = ca.vertcat(*_elastic(chain, link))[ROWS] - _weight(link, motion, law)[ROWS]
     if following is not None:
         rows = rows - _handed_back(motion, *_elastic(chain, following))
     return rows
+
+
+def _weight(link: Link, motion: Kinematics, law: BodyLaw) -> SX:
+    if law.heavy is None:
+        return ca.SX(6, 1)
+    return _wrench(law.heavy * link.gravity, ca.SX(3, 1), motion.place)
 
 
 def _inputs(
@@ -192,8 +204,46 @@ def _inputs(
 
     Implements Eq. (31); the load acts once, on the last segment. Source: paper section 2.2.6.
     """
-    force, moment = _driving(link, pressures)
-    rows = ca.vertcat(force[2], moment)
+    rows = ca.vertcat(*_driving(link, pressures))[ROWS]
     if following is not None:
         return rows - _handed_back(motion, *_driving(following, pressures))
-    return rows + _wrench(link.load_force, link.load_moment, motion.place)
+    return rows + _wrench(link.load_force, link.load_moment, motion.place)[ROWS]
+
+
+def _transmitted(
+    chain: Chain,
+    links: list[Link],
+    motions: list[Kinematics],
+    state: State,
+    pressures: list[SX | None],
+) -> Balance:
+    """M, C, N and τ with the whole wrench handed from segment to segment (not in the paper).
+
+    A cut through the base of a segment carries inertia, damping, weight and load of all that is
+    beyond it; the segment's own elasticity, less its own drive, balances the part it can.
+    """
+    M, C, N, tau = [], [], [], []
+    beyond: list[SX] = []
+    for link, motion in zip(reversed(links), reversed(motions), strict=True):
+        law = link.segment.bodies[0][1]
+        carried = [_mass(motion, law), _rates(chain, motion, law, state)]
+        carried += [-_weight(link, motion, law)]
+        if beyond:
+            back = _transfer(motion)
+            load = back @ beyond.pop()
+            carried = [own + back @ far for own, far in zip(carried, beyond, strict=True)]
+        else:
+            load = _wrench(link.load_force, link.load_moment, motion.place)
+        beyond = [*carried, load]
+        M.append(carried[0][ROWS, :])
+        C.append(_with_viscosity(link, carried[1][ROWS, :]))
+        N.append((ca.vertcat(*_elastic(chain, link)) + carried[2])[ROWS])
+        tau.append((ca.vertcat(*_driving(link, pressures)) + load)[ROWS])
+    return Balance(*(ca.sparsify(ca.vertcat(*rows[::-1])) for rows in (M, C, N, tau)))
+
+
+def _transfer(motion: Kinematics) -> SX:
+    """Takes a wrench about o_i in frame i to o_{i-1} in frame i-1 (6×6)."""
+    r = motion.rotation
+    upper = ca.horzcat(r, ca.SX(3, 3))
+    return ca.vertcat(upper, ca.horzcat(ca.skew(motion.place) @ r, r))

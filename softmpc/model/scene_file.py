@@ -25,7 +25,7 @@ from softmpc.model.elasticity import (
     PrintedElasticity,
     StrainElasticity,
 )
-from softmpc.model.formulations import Formulation, NewtonEuler, VirtualPower
+from softmpc.model.formulations import Formulation, FullNewtonEuler, NewtonEuler, VirtualPower
 from softmpc.model.kinematics import Arc, ConstantStrainArc, PaperArc
 from softmpc.model.manipulator_tables import manipulator_from_dict, manipulator_to_dict
 from softmpc.model.mass import GaussMass, LumpedMass, MassDistribution
@@ -44,10 +44,10 @@ __all__ = [
 
 KINEMATICS: dict[str, Arc] = {arc.name: arc for arc in (ConstantStrainArc(), PaperArc())}
 FORMULATIONS: dict[str, type[Formulation]] = {
-    kind.name: kind for kind in (VirtualPower, NewtonEuler)
+    kind.name: kind for kind in (VirtualPower, NewtonEuler, FullNewtonEuler)
 }
 MASSES: dict[str, MassDistribution] = {
-    mass.name: mass for mass in (LumpedMass(), GaussMass(1), GaussMass(2))
+    mass.name: mass for mass in (LumpedMass(), GaussMass(1), GaussMass(2), GaussMass(3))
 }
 ELASTICITIES: dict[str, Elasticity] = {
     law.name: law for law in (EnergyElasticity(), StrainElasticity(), PrintedElasticity())
@@ -174,7 +174,7 @@ def _read_formulation(model: Table) -> Formulation:
         given["elasticity"] = ELASTICITIES[model.string("elasticity", allowed=ELASTICITIES)]
     if "mass" in model:
         given["mass"] = MASSES[model.string("mass", allowed=MASSES)]
-    if kind is NewtonEuler and given.pop("mass", LumpedMass()) != LumpedMass():
+    if issubclass(kind, NewtonEuler) and given.pop("mass", LumpedMass()) != LumpedMass():
         wanted = "'lumped' (or left out) with newton-euler: use virtual-power for Gauss points"
         raise model.error("mass", model.raw("mass"), wanted)
     return kind(**given)
