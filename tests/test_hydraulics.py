@@ -14,11 +14,12 @@ from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
 from softmpc.errors import BuildError
-from softmpc.model.actuation import HydraulicDrive, PressureDrive, StaticDrive
+from softmpc.model.actuation import HydraulicDrive, PressureDrive, SlowDrive, StaticDrive
 from softmpc.model.hydraulics import (
     DriveMatrices,
     cylinder_compliance,
     screw_ratio,
+    slow_mode,
     state_space,
     tube_conductance,
     unit_compliance,
@@ -167,3 +168,38 @@ def test_x_dot_joins_arm_and_drive() -> None:
     pattern = np.asarray(ca.DM(m.x_dot.sparsity_jac(0, 0)))
     assert not pattern[2 * n :, : 2 * n].any()
     assert pattern[n : 2 * n, 2 * n :].any()
+
+
+# ------------------------------------------------------------------------------ the slow mode
+
+
+def test_slow_mode_keeps_the_slow_pole_and_the_gain_at_rest() -> None:
+    full, slow = drive(), slow_mode(SECTION, DRIVE)
+    assert slow.A.shape == (1, 1)
+    assert slow.A[0, 0] == pytest.approx(np.linalg.eigvals(full.A).real.max(), rel=1e-9)
+    assert gain(slow) == pytest.approx(gain(full), rel=1e-12)
+    assert slow.C[0, 0] == pytest.approx(1)
+
+
+def test_slow_mode_is_right_in_the_band_of_the_arm_and_not_far_beyond() -> None:
+    """Up to 100 rad/s, ten times the arm's first mode, it differs by about a percent."""
+    full, slow = state_space(SECTION, DRIVE), slow_mode(SECTION, DRIVE)
+    reduced = control.ss(slow.A, slow.B, slow.C, slow.D)
+    for frequency, least, most in ((10.0, 0, 1e-3), (100.0, 0, 0.012), (5000.0, 0.3, 100)):
+        exact, near = (s(1j * frequency) for s in (full, reduced))
+        assert least <= abs(near - exact) / abs(exact) <= most, frequency
+
+
+def test_slow_mode_has_one_state_a_unit_and_no_pistons() -> None:
+    model = model_of(PAPER, actuation=SlowDrive())
+    assert model.layout.z.names == tuple(f"P_slow_{j}" for j in range(1, 7))
+    assert model.drive.X.size == 0
+    assert_allclose(model.static_gain, model_of(PAPER).static_gain, rtol=1e-12)
+
+
+def test_slow_mode_of_an_oscillating_drive_is_refused() -> None:
+    heavy = replace(DRIVE, piston_mass=600.0)
+    with pytest.raises(BuildError, match="oscillates"):
+        slow_mode(SECTION, heavy)
+    with pytest.raises(BuildError, match="friction"):
+        model_of(replace(PAPER, hydraulics=replace(DRIVE, friction=5.0)), actuation=SlowDrive())

@@ -7,18 +7,19 @@ Each kind turns an input, one a unit, into unit pressures through linear matrice
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from softmpc.errors import BuildError
-from softmpc.model.hydraulics import UNIT_STATES, DriveMatrices, unit_matrices
+from softmpc.model.hydraulics import UNIT_STATES, DriveMatrices, slow_mode, unit_matrices
 
 if TYPE_CHECKING:
-    from softmpc.model.parameters import Manipulator
+    from softmpc.model.parameters import Hydraulics, Manipulator, Section
 
-__all__ = ["Actuation", "HydraulicDrive", "PressureDrive", "StaticDrive"]
+__all__ = ["Actuation", "HydraulicDrive", "PressureDrive", "SlowDrive", "StaticDrive"]
 
 
 class Actuation(ABC):
@@ -63,19 +64,39 @@ class HydraulicDrive(Actuation):
     states: ClassVar[tuple[str, ...]] = UNIT_STATES
 
     def matrices(self, arm: Manipulator) -> DriveMatrices:
-        if arm.hydraulics.friction != 0.0:
-            raise BuildError(
-                f"hydraulics.friction = {arm.hydraulics.friction:g} N: the linear drive "
-                "'hydraulic' has no Coulomb friction; set it to 0 or leave it out"
-            )
-        units = [
-            unit_matrices(section, arm.hydraulics)
-            for section in arm.sections
-            for _ in range(section.units)
-        ]
-        return DriveMatrices(
-            *(_by_kind([getattr(u, name) for u in units]) for name in ("A", "B", "C", "D", "X"))
+        _refuse_friction(arm, self.name)
+        return _all_units(arm, unit_matrices)
+
+
+@dataclass(frozen=True)
+class SlowDrive(Actuation):
+    """The slowest mode of the hydraulics, one state a unit; the faster ones follow at once."""
+
+    name: ClassVar[str] = "slow-mode"
+    states: ClassVar[tuple[str, ...]] = ("P_slow",)
+
+    def matrices(self, arm: Manipulator) -> DriveMatrices:
+        _refuse_friction(arm, self.name)
+        return _all_units(arm, slow_mode)
+
+
+def _refuse_friction(arm: Manipulator, name: str) -> None:
+    if arm.hydraulics.friction != 0.0:
+        raise BuildError(
+            f"hydraulics.friction = {arm.hydraulics.friction:g} N: the linear drive "
+            f"{name!r} has no Coulomb friction; set it to 0 or leave it out"
         )
+
+
+def _all_units(
+    arm: Manipulator, unit: Callable[[Section, Hydraulics], DriveMatrices]
+) -> DriveMatrices:
+    units = []
+    for section in arm.sections:
+        units += [unit(section, arm.hydraulics)] * section.units
+    return DriveMatrices(
+        *(_by_kind([getattr(u, name) for u in units]) for name in ("A", "B", "C", "D", "X"))
+    )
 
 
 def _stateless(gain: np.ndarray) -> DriveMatrices:

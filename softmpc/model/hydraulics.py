@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softmpc.errors import BuildError
+
 if TYPE_CHECKING:
     from softmpc.model.parameters import Hydraulics, Section
 
@@ -22,6 +24,7 @@ __all__ = [
     "cylinder_compliance",
     "piston_mobility",
     "screw_ratio",
+    "slow_mode",
     "state_space",
     "tube_conductance",
     "unit_compliance",
@@ -111,6 +114,32 @@ def state_space(section: Section, hydraulics: Hydraulics) -> Any:
 
     m = unit_matrices(section, hydraulics)
     return control.ss(m.A, m.B, m.C, m.D, inputs=["T"], outputs=["P_a"], states=list(UNIT_STATES))
+
+
+def slow_mode(section: Section, hydraulics: Hydraulics) -> DriveMatrices:
+    """One actuator reduced to its slowest mode, by python-control's `model_reduction`.
+
+    The fast modes follow at once, with their static gain ("matchdc"): the pole and the gain at rest
+    are those of the full drive. The state is a pressure in Pa. Raises `BuildError` where the
+    slowest mode oscillates, for then one state cannot hold it.
+    """
+    import control
+
+    full = state_space(section, hydraulics)
+    poles, modes = np.linalg.eig(full.A)
+    order = np.argsort(np.abs(poles))
+    if abs(poles[order[0]].imag) > 1e-9 * abs(poles[order[0]]):
+        raise BuildError(
+            f"the slowest mode of the drive oscillates (pole {poles[order[0]]:.4g} 1/s): "
+            "actuation 'slow-mode' has one real state; use 'hydraulic'"
+        )
+    # Eigenvectors as states, the first scaled so that it is its own share of the pressure.
+    basis = np.real_if_close(modes[:, order])
+    basis[:, 0] /= (full.C @ basis[:, 0])[0]
+    apart = control.similarity_transform(full, np.linalg.inv(basis))
+    slow = control.model_reduction(apart, elim_states=[1, 2], method="matchdc")
+    parts = (np.real(np.asarray(part)) for part in (slow.A, slow.B, slow.C, slow.D))
+    return DriveMatrices(*parts, X=np.zeros((0, 0)))
 
 
 UNIT_STATES = ("piston_speed", "P_a", "P_c")

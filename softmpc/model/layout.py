@@ -18,6 +18,7 @@ UNITS = {
     "piston_speed": "m/s",
     "P_a": "Pa",
     "P_c": "Pa",
+    "P_slow": "Pa",
 }
 
 
@@ -61,7 +62,7 @@ class Layout:
         q = np.array(strain)
         arm, drive = scene.manipulator, scene.actuation
         count, pressure = range(1, arm.units + 1), _full_pressure(scene)
-        sizes = {"piston_speed": 0.05, "P_a": pressure, "P_c": pressure}
+        sizes = {"piston_speed": 0.05, "P_a": pressure, "P_c": pressure, "P_slow": pressure}
         torque = max(abs(arm.limits.torque_max), abs(arm.limits.torque_min))
         p = _column([(f"P_{j}", "Pa", pressure) for j in count])
         return cls(

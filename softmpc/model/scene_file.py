@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from softmpc.errors import SceneError, errors_in, nearest
 from softmpc.files import replacing
-from softmpc.model.actuation import Actuation, HydraulicDrive, PressureDrive, StaticDrive
+from softmpc.model.actuation import Actuation, HydraulicDrive, PressureDrive, SlowDrive, StaticDrive
 from softmpc.model.effects import (
     Coriolis,
     Effect,
@@ -53,7 +53,7 @@ ELASTICITIES: dict[str, Elasticity] = {
     law.name: law for law in (EnergyElasticity(), StrainElasticity(), PrintedElasticity())
 }
 ACTUATIONS: dict[str, Actuation] = {
-    drive.name: drive for drive in (HydraulicDrive(), StaticDrive(), PressureDrive())
+    drive.name: drive for drive in (HydraulicDrive(), SlowDrive(), StaticDrive(), PressureDrive())
 }
 SWITCHES: tuple[type[Effect], ...] = (
     Inertia,
