@@ -31,6 +31,13 @@ def test_residual_grows_linearly() -> None:
     assert residual(8) - residual(4) <= 2.1 * (residual(4) - residual(2))
 
 
+def test_directional_derivative_is_linear_in_the_segments() -> None:
+    """A few times the residual, whatever the number of segments."""
+    for segments in (1, 8):
+        along = lean(segments).residual_along.n_instructions()
+        assert along <= 3 * residual(segments)
+
+
 def test_equations() -> None:
     """M, C, N and τ in one pass."""
     assert lean(1).equations.n_instructions() <= 7_000

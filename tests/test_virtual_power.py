@@ -153,6 +153,17 @@ def test_residual_is_the_sum_of_its_terms(name: str) -> None:
 
 
 @every
+def test_derivative_along_a_direction(name: str) -> None:
+    """The O(n) derivative along a direction is the Jacobian times that direction."""
+    model, states = scene(name), States(scene(name))
+    at, way = states.motion(), states.motion()
+    blocks = model.residual_jacobian(*at)
+    expected = sum(np.asarray(block) @ x for block, x in zip(blocks, way, strict=True))
+    found = np.asarray(model.residual_along(*at, *way)).ravel()
+    assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * np.abs(expected).max())
+
+
+@every
 def test_residual_jacobian(name: str) -> None:
     """Against automatic differentiation (exact) and against differences of the residual."""
     model, layout = scene(name), scene(name).layout

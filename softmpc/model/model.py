@@ -15,7 +15,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from softmpc.errors import BuildError
 from softmpc.model import energy, newton_euler, places, virtual_power
 from softmpc.model.chain import Chain, State
 from softmpc.model.derivatives import Blocks, can_differentiate, differentiate
@@ -23,7 +22,7 @@ from softmpc.model.effects import Effect, TipLoad
 from softmpc.model.formulations import NewtonEuler
 from softmpc.model.hydraulics import DriveMatrices
 from softmpc.model.layout import Layout
-from softmpc.model.report import COUNTED, describe, massless_strains
+from softmpc.model.report import COUNTED, describe, massless_strains, require_mass
 from softmpc.model.scene import Scene
 
 __all__ = ["Model", "build"]
@@ -150,6 +149,14 @@ class Model:
         )
 
     @cached_property
+    def residual_along(self) -> ca.Function:
+        """(q, dq, ddq, p) and a direction in each -> directional derivative of r (n), O(n)."""
+        along = {f"along_{k}": ca.SX.sym(f"along_{k}", *v.shape) for k, v in self._symbols.items()}
+        here, there = (ca.vertcat(*symbols.values()) for symbols in (self._symbols, along))
+        slope = ca.jtimes(self._residual_at(self._state), here, there)
+        return self._function("residual_along", {**self._symbols, **along}, {"dr": slope})
+
+    @cached_property
     def M(self) -> ca.Function:
         """Inertia matrix M(q) (n×n); empty of nonzeros without inertia."""
         if self._printed:
@@ -244,14 +251,7 @@ class Model:
 
     def require_mass(self, what: str) -> None:
         """Raise `BuildError` if `what` cannot run because M is singular or absent."""
-        if not self.chain.dynamic:
-            raise BuildError(f"{what} needs the effect 'inertia': this scene is quasi-static")
-        if self.massless:
-            raise BuildError(
-                f"{what} needs an invertible M, but these strains have no mass: "
-                f"{', '.join(self.massless)}; add the effect 'rotary_inertia', take Gauss mass "
-                "instead of lumped, or leave the strains out"
-            )
+        require_mass(self, what)
 
     @cached_property
     def forward_dynamics(self) -> ca.Function:

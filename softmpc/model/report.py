@@ -1,4 +1,4 @@
-"""What a model says about itself: a description people can read, and its strains without mass."""
+"""What a model says about itself: a description people can read, and strains without mass."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softmpc.errors import BuildError
+
 if TYPE_CHECKING:
     from softmpc.model.model import Model
 
-__all__ = ["COUNTED", "describe", "massless_strains"]
+__all__ = ["COUNTED", "describe", "massless_strains", "require_mass"]
 
 # The functions whose instructions are counted.
 COUNTED = (
@@ -55,6 +57,18 @@ def massless_strains(model: Model) -> tuple[str, ...]:
     empty = [_null_space(np.asarray(model.M(q)) * np.outer(scale, scale)) for q in (0, generic)]
     heavy = np.abs(np.hstack(empty)).max(axis=1, initial=0.0) > 0.1
     return tuple(n for n, h in zip(model.layout.q.names, heavy, strict=True) if h)
+
+
+def require_mass(model: Model, what: str) -> None:
+    """Raise `BuildError` if `what` cannot run because M is singular or absent."""
+    if not model.chain.dynamic:
+        raise BuildError(f"{what} needs the effect 'inertia': this scene is quasi-static")
+    if model.massless:
+        raise BuildError(
+            f"{what} needs an invertible M, but these strains have no mass: "
+            f"{', '.join(model.massless)}; add the effect 'rotary_inertia', take Gauss mass "
+            "instead of lumped, or leave the strains out"
+        )
 
 
 def _null_space(matrix: np.ndarray) -> np.ndarray:

@@ -3,7 +3,8 @@
     python -m tests.benchmarks.instructions [--ad N]
 
 For 1, 2, 4 and 8 segments a section of the paper's arm, with and without rotary inertia:
-instructions and microseconds a call (median) of the residual, of its Jacobian in (q, dq, ddq) by
+instructions and microseconds a call (median) of the residual, of its derivative along one direction
+(`residual_along`, linear in the segments), of its Jacobian in (q, dq, ddq) by
 recursion and by plain automatic differentiation (up to N segments, 8 unless told), and of
 M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over that by recursion.
 """
@@ -26,7 +27,20 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
     "without rotary inertia": (Gravity(), Inertia(), Coriolis()),
     "with rotary inertia": (Gravity(), Inertia(), Coriolis(), RotaryInertia()),
 }
-COLUMNS = ("segments", "residual", "µs", "Jacobian", "µs", "by AD", "µs", "ratio", "M C N τ", "µs")
+COLUMNS = (
+    "segments",
+    "residual",
+    "µs",
+    "along",
+    "µs",
+    "Jacobian",
+    "µs",
+    "by AD",
+    "µs",
+    "ratio",
+    "M C N τ",
+    "µs",
+)
 
 
 def jacobian_by_ad(model: Model) -> ca.Function:
@@ -60,15 +74,16 @@ def microseconds(function: ca.Function, calls: int = 200) -> float:
 
 def row(segments: int, effects: tuple[Effect, ...], largest_ad: int) -> list[str]:
     model = build(Scene(chen2022(), segments=segments, effects=effects))
-    functions: list[ca.Function | None] = [model.residual, model.residual_jacobian]
+    functions: list[ca.Function | None] = [model.residual, model.residual_along]
+    functions.append(model.residual_jacobian)
     functions += [jacobian_by_ad(model) if segments <= largest_ad else None, model.equations]
     cells = []
     for function in functions:
         cells += ["-", "-"] if function is None else [_count(function), _time(function)]
     ratio = "-"
-    if functions[2] is not None:
-        ratio = f"{functions[2].n_instructions() / model.residual_jacobian.n_instructions():.1f}"
-    return [str(segments), *cells[:6], ratio, *cells[6:]]
+    if functions[3] is not None:
+        ratio = f"{functions[3].n_instructions() / model.residual_jacobian.n_instructions():.1f}"
+    return [str(segments), *cells[:8], ratio, *cells[8:]]
 
 
 def _count(function: ca.Function) -> str:
