@@ -173,8 +173,10 @@ def test_x_dot_joins_arm_and_drive() -> None:
 # ------------------------------------------------------------------------------ the slow mode
 
 
-def test_slow_mode_keeps_the_slow_pole_and_the_gain_at_rest() -> None:
-    full, slow = drive(), slow_mode(SECTION, DRIVE)
+@pytest.mark.parametrize("changes", [{}, {"piston_damping": 5e3}, {"piston_damping": 2e4}])
+def test_slow_mode_keeps_the_slow_pole_and_the_gain_at_rest(changes: dict[str, float]) -> None:
+    """Also where the two fast modes are a complex pair, as with 20 kN·s/m."""
+    full, slow = drive(**changes), slow_mode(SECTION, replace(DRIVE, **changes))
     assert slow.A.shape == (1, 1)
     assert slow.A[0, 0] == pytest.approx(np.linalg.eigvals(full.A).real.max(), rel=1e-9)
     assert gain(slow) == pytest.approx(gain(full), rel=1e-12)

@@ -133,13 +133,14 @@ def slow_mode(section: Section, hydraulics: Hydraulics) -> DriveMatrices:
             f"the slowest mode of the drive oscillates (pole {poles[order[0]]:.4g} 1/s): "
             "actuation 'slow-mode' has one real state; use 'hydraulic'"
         )
-    # Eigenvectors as states, the first scaled so that it is its own share of the pressure.
-    basis = np.real_if_close(modes[:, order])
-    basis[:, 0] /= (full.C @ basis[:, 0])[0]
+    slowest, second, third = modes[:, order].T
+    pair = np.any(np.iscomplex(second))  # of conjugate modes: real and imaginary part are a basis
+    fast = [second.real, second.imag if pair else third.real]
+    # The first state is scaled so that it is its own share of the pressure.
+    basis = np.column_stack([slowest.real / (full.C @ slowest.real)[0], *fast])
     apart = control.similarity_transform(full, np.linalg.inv(basis))
     slow = control.model_reduction(apart, elim_states=[1, 2], method="matchdc")
-    parts = (np.real(np.asarray(part)) for part in (slow.A, slow.B, slow.C, slow.D))
-    return DriveMatrices(*parts, X=np.zeros((0, 0)))
+    return DriveMatrices(slow.A, slow.B, slow.C, slow.D, np.zeros((0, 0)))
 
 
 UNIT_STATES = ("piston_speed", "P_a", "P_c")

@@ -169,6 +169,12 @@ def _driving(link: Link, pressures: list[SX | None]) -> tuple[SX, SX]:
     return ca.vertcat(0, 0, driving_force(section, own)), driving_moment(section, own)
 
 
+def _rows(resultants: tuple[SX, SX]) -> SX:
+    """The four rows of a segment's own tension and moment."""
+    force, moment = resultants
+    return ca.vertcat(force[2], moment)
+
+
 def _handed_back(motion: Kinematics, force: SX, moment: SX) -> SX:
     """What the next segment's axial force and moment do on this one.
 
@@ -185,7 +191,7 @@ def _position(
 
     Implements Eqs. (25), (30); the weight's moment is X × G. Source: paper section 2.2.6.
     """
-    rows = ca.vertcat(*_elastic(chain, link))[ROWS] - _weight(link, motion, law)[ROWS]
+    rows = _rows(_elastic(chain, link)) - _weight(link, motion, law)[ROWS]
     if following is not None:
         rows = rows - _handed_back(motion, *_elastic(chain, following))
     return rows
@@ -204,7 +210,7 @@ def _inputs(
 
     Implements Eq. (31); the load acts once, on the last segment. Source: paper section 2.2.6.
     """
-    rows = ca.vertcat(*_driving(link, pressures))[ROWS]
+    rows = _rows(_driving(link, pressures))
     if following is not None:
         return rows - _handed_back(motion, *_driving(following, pressures))
     return rows + _wrench(link.load_force, link.load_moment, motion.place)[ROWS]
@@ -237,8 +243,8 @@ def _transmitted(
         beyond = [*carried, load]
         M.append(carried[0][ROWS, :])
         C.append(_with_viscosity(link, carried[1][ROWS, :]))
-        N.append((ca.vertcat(*_elastic(chain, link)) + carried[2])[ROWS])
-        tau.append((ca.vertcat(*_driving(link, pressures)) + load)[ROWS])
+        N.append(_rows(_elastic(chain, link)) + carried[2][ROWS])
+        tau.append(_rows(_driving(link, pressures)) + load[ROWS])
     return Balance(*(ca.sparsify(ca.vertcat(*rows[::-1])) for rows in (M, C, N, tau)))
 
 
