@@ -203,9 +203,16 @@ def _text(data: dict[str, Any]) -> str:
     for s in data["segments"]:
         rows.append((
             f"section {s['section']}, segment {s['segment']}",
-            f"length {s['length_m']:.4f} m, bent {s['theta_deg']:.2f} deg towards "
-            f"{s['phi_deg']:.2f} deg, twisted {round(s['tau_deg'], 2) + 0.0:.2f} deg",
+            f"length {s['length_m']:.4f} m, {_bend(s)}, "
+            f"twisted {round(s['tau_deg'], 2) + 0.0:.2f} deg",
         ))  # fmt: skip
     rows.append(("smallest stiffness", f"{data['smallest_stiffness_j']:.4g} J"))
     rows += [("warning", text) for text in data["warnings"]]
     return "\n".join([data["title"], table(rows)])
+
+
+def _bend(shape: dict[str, Any]) -> str:
+    """How a segment bends; a straight one bends towards nowhere."""
+    if round(shape["theta_deg"], 2) == 0:
+        return "straight"
+    return f"bent {shape['theta_deg']:.2f} deg towards {shape['phi_deg']:.2f} deg"
