@@ -196,7 +196,7 @@ def test_slow_mode_has_one_state_a_unit_and_no_pistons() -> None:
     model = model_of(PAPER, actuation=SlowDrive())
     assert model.layout.z.names == tuple(f"P_slow_{j}" for j in range(1, 7))
     assert model.drive.X.size == 0
-    assert_allclose(model.static_gain, model_of(PAPER).static_gain, rtol=1e-12)
+    assert_allclose(model.drive.static_gain, model_of(PAPER).drive.static_gain, rtol=1e-12)
 
 
 def test_slow_mode_of_an_oscillating_drive_is_refused() -> None:

@@ -82,7 +82,7 @@ def _drive(model: Model) -> dict[str, Any]:
     units, A = model.scene.manipulator.units, model.drive.A
     firsts = np.cumsum([0, *(section.units for section in model.scene.manipulator.sections[:-1])])
     found: dict[str, Any] = {
-        "static_gain_mpa_per_nm": np.diag(model.static_gain)[firsts] / 1e6,
+        "static_gain_mpa_per_nm": np.diag(model.drive.static_gain)[firsts] / 1e6,
     }
     if len(A):
         found["drive_poles_per_s"] = [_poles(A[i::units, i::units]) for i in firsts]

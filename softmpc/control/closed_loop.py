@@ -33,10 +33,9 @@ class Start:
 
 def start_at(model: Model, posture: Equilibrium) -> Start:
     """The arm at rest in a posture, the drive in balance with it."""
-    u = np.linalg.solve(model.static_gain, posture.pressures)
-    drive = model.drive
-    z = -np.linalg.solve(drive.A, drive.B @ u) if len(drive.A) else np.zeros(0)
-    return Start(np.concatenate([posture.q, np.zeros(model.strains), z]), u)
+    u = np.linalg.solve(model.drive.static_gain, posture.pressures)
+    rest = np.zeros(model.strains)
+    return Start(np.concatenate([posture.q, rest, model.drive.at_rest(u)]), u)
 
 
 def close_loop(

@@ -52,8 +52,7 @@ class StaticDrive(Actuation):
     name: ClassVar[str] = "static"
 
     def matrices(self, arm: Manipulator) -> DriveMatrices:
-        full = HydraulicDrive().matrices(arm)
-        return _stateless(full.D - full.C @ np.linalg.solve(full.A, full.B))
+        return _stateless(HydraulicDrive().matrices(arm).static_gain)
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,15 @@ class DriveMatrices:
     D: Array
     X: Array
 
+    def at_rest(self, u: Array) -> Array:
+        """States z in balance with a held input u."""
+        return -np.linalg.solve(self.A, self.B @ u)
+
+    @property
+    def static_gain(self) -> Array:
+        """Pressures at rest over inputs."""
+        return self.D + self.C @ self.at_rest(np.eye(self.D.shape[1]))
+
 
 def screw_ratio(hydraulics: Hydraulics) -> float:
     """Force on the piston over motor torque (1/m).

@@ -278,14 +278,6 @@ class Model:
         parts = [_times(G, v) for G, v in ((self.drive.C, z), (self.drive.D, u)) if np.any(G)]
         return sum(parts[1:], parts[0])
 
-    @property
-    def static_gain(self) -> np.ndarray:
-        """Unit pressures at rest over inputs (m×k)."""
-        drive = self.drive
-        if len(drive.A) == 0:
-            return drive.D
-        return drive.D - drive.C @ np.linalg.solve(drive.A, drive.B)
-
     # --- places --------------------------------------------------------------------------------
 
     @cached_property

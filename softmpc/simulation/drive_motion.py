@@ -59,10 +59,6 @@ class DriveMotion:
         waves = np.exp(np.multiply.outer(times, self.rates)) @ law.modes.T
         return law.constant + np.multiply.outer(times, law.slope) + waves.real
 
-    def rest(self, u: np.ndarray) -> np.ndarray:
-        """State z (h) at rest under the input u (k)."""
-        return -np.linalg.solve(self.drive.A, self.drive.B @ u)
-
     def pressures(self, z: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Unit pressures (K×m, Pa) at states z (K×h) and inputs u (K×k)."""
         return np.asarray(z @ self.drive.C.T + u @ self.drive.D.T)

@@ -93,7 +93,7 @@ def start_state(
     if start not in STARTS:
         raise InputError(f"start = {start!r}: must be one of {', '.join(STARTS)}, or a state")
     u, drive = profile.before(0.0), model.drive
-    z = -np.linalg.solve(drive.A, drive.B @ u)
+    z = drive.at_rest(u)
     q = np.zeros(model.strains)
     if start == "rest":
         rest = find_equilibrium(model, (drive.C @ z + drive.D @ u).tolist())

@@ -34,7 +34,7 @@ def pressure_range(model: Model) -> tuple[np.ndarray, np.ndarray]:
     limits, m = model.scene.manipulator.limits, model.scene.manipulator.units
     low, high = np.full(m, limits.pressure_min), np.full(m, limits.pressure_max)
     if model.scene.actuation.input == "torque":
-        gain = np.diag(model.static_gain)
+        gain = np.diag(model.drive.static_gain)
         ends = np.sort(np.outer([limits.torque_min, limits.torque_max], gain), axis=0)
         low, high = np.maximum(low, ends[0]), np.minimum(high, ends[1])
     return low, high
