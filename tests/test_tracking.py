@@ -138,6 +138,7 @@ def test_rest_is_kept(loop) -> None:
         (("[0.01, 0.005, 0.6]", "[0.9, 0.005, 0.6]"), "out of reach"),
         (("lap_time = 0.6", "lap_time = -1"), "lap_time"),
         (("horizon = 8", "horizon = 0"), "horizon"),
+        (("settle = 0.1", "settle = 0.5"), "settle = 0.5 s: must be below"),
         (("tolerance = 1e-8", "tolerance = 5"), "tolerance"),
         (("[track]", "[trak]"), "trak.*track"),
     ],

@@ -120,6 +120,11 @@ def read_tracking(data: object, folder: Path) -> Tracking:
         table.number("smooth_start", 1.0, unit="s", low=0.0, high=60.0),
     )
     settle = table.number("settle", 1.0, unit="s", low=0.0, high=3600.0)
+    if settle >= law.duration:
+        raise SceneError(
+            f"[track] settle = {settle:g} s: must be below the duration of the run, "
+            f"{law.duration:g} s, or no error is left to count"
+        )
     controller, plant = table.table("controller"), table.table("plant")
     table.finish()
     task = _read_controller(controller, Reference(path, law), settle, plant)

@@ -29,6 +29,7 @@ from softmpc.statics.equilibrium import find_equilibrium
 __all__ = ["integrator_for", "simulate", "simulate_file", "start_state"]
 
 CHUNK = 50  # samples of one call at most: between calls there is progress, and an end on Ctrl-C
+MOST_SAMPLES = 5_000_000
 SHORTEST_STRETCH = -0.95  # ε; at -1 a segment has no length
 Progress = Callable[[float, float], None]
 
@@ -163,6 +164,11 @@ def _stamps(duration: float, sample_time: float) -> np.ndarray:
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} = {value!r} s: must be above 0")
     whole = int(duration / sample_time + 1e-6)
+    if whole > MOST_SAMPLES:
+        raise InputError(
+            f"duration = {duration:g} s with a sample every {sample_time:g} s: more than "
+            f"{MOST_SAMPLES} samples; take a longer sample_time or a shorter duration"
+        )
     return np.unique(_rounded(np.append(sample_time * np.arange(whole + 1), duration)))
 
 
