@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from oracles.paper_literal import LiteralSection
 
 from softmpc.model.effects import Coriolis, Effect, Gravity, Inertia, RotaryInertia
 from softmpc.model.model import Model, build
@@ -46,6 +47,12 @@ MIXED = arm(PAPER.sections[0], SMALL)
 
 def model_of(manipulator: Manipulator = PAPER, **slots: Any) -> Model:
     return build(Scene(manipulator, **slots))
+
+
+def literal_section(section: Section) -> LiteralSection:
+    """A section as the literal transcription wants it."""
+    shared = {f.name for f in fields(Section)} & {f.name for f in fields(LiteralSection)}
+    return LiteralSection(**{name: getattr(section, name) for name in shared})
 
 
 class States:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
-from arms import MIXED, PAPER, Array, States, model_of
+from arms import MIXED, PAPER, Array, States, literal_section, model_of
 from numpy.testing import assert_allclose
-from oracles.paper_literal import LiteralArm, LiteralSection
+from oracles.paper_literal import LiteralArm
 
 from softmpc.model.effects import (
     Coriolis,
@@ -34,10 +32,7 @@ EFFECTS = (
 
 
 def literal(manipulator: Manipulator, segments: int) -> LiteralArm:
-    shared = [f.name for f in fields(LiteralSection)]
-    sections = [
-        LiteralSection(**{name: getattr(s, name) for name in shared}) for s in manipulator.sections
-    ]
+    sections = [literal_section(s) for s in manipulator.sections]
     return LiteralArm(sections, segments, GRAVITY, FORCE, MOMENT)
 
 

@@ -37,7 +37,7 @@ def parts():
     model = build(Scene(chen2022()))
     t = Transcription(tracking_problem(model, INTERVALS, 0.025))
     posture = find_equilibrium(model, pressures_from_torques(model, TORQUE))
-    z = -np.linalg.solve(model.drive.A, model.drive.B @ TORQUE)
+    z = model.drive.at_rest(TORQUE)
     x = np.concatenate([posture.q, np.zeros(8), z])
     return t, Recorder(t), x, posture.tips[-1]
 

@@ -11,9 +11,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arms import MIXED, PAPER, Array, largest, model_of, numbers
+from arms import MIXED, PAPER, Array, largest, literal_section, model_of, numbers
 from numpy.testing import assert_allclose
-from oracles.paper_literal import LiteralArm, LiteralHydraulics, LiteralSection
+from oracles.paper_literal import LiteralArm, LiteralHydraulics
 
 from softmpc.model.effects import (
     Coriolis,
@@ -51,11 +51,6 @@ CASES = [
     pytest.param(PAPER, 3, "strain", 1, id="3 segments, all", marks=pytest.mark.slow),
     pytest.param(MIXED, 1, "strain", 1, id="sections of two sizes"),
 ]
-
-
-def literal_section(section: Section) -> LiteralSection:
-    shared = {f.name for f in fields(Section)} & {f.name for f in fields(LiteralSection)}
-    return LiteralSection(**{name: getattr(section, name) for name in shared})
 
 
 @cache

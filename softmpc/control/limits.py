@@ -11,6 +11,7 @@ import numpy as np
 
 from softmpc.control.stage import Stage
 from softmpc.errors import InputError
+from softmpc.model.model import sparse_times
 
 __all__ = [
     "Limit",
@@ -101,7 +102,7 @@ class StrokeLimit(Limit):
         if len(X) == 0:
             raise InputError("StrokeLimit: this actuation has no pistons; use 'hydraulic'")
         names = tuple(f"x_piston_{j + 1}" for j in range(len(X)))
-        travel = ca.mtimes(ca.sparsify(ca.DM(X)), stage.z)
+        travel = sparse_times(X, stage.z)
         return self._rows(travel, np.abs(X) @ stage.model.layout.z.scale, names)
 
 

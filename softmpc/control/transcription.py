@@ -26,6 +26,7 @@ from softmpc.control.discretise import held_input
 from softmpc.control.limits import Rows
 from softmpc.control.ocp import Ocp
 from softmpc.control.stage import Stage
+from softmpc.model.model import sparse_times
 from softmpc.simulation.tableau import Tableau, radau_iia
 
 __all__ = ["NonlinearProgram", "Transcription"]
@@ -113,7 +114,12 @@ class Transcription:
         q_s = q + t.c[s] * h * dq + h**2 * sum(squared[s, j] * a_j for j, a_j in enumerate(a))
         dq_s = dq + h * sum(t.A[s, j] * a_j for j, a_j in enumerate(a))
         phi, gamma = self._drive[0][s]
-        return q_s, dq_s, a[s], self.model.pressures(_times(phi, z) + _times(gamma, U), U)
+        return (
+            q_s,
+            dq_s,
+            a[s],
+            self.model.pressures(sparse_times(phi, z) + sparse_times(gamma, U), U),
+        )
 
     def _stage_rows(self, X: Any, U: Any, A: Any) -> tuple[list[Any], list[Any]]:
         """Scaled residuals of all stages, and their Jacobians in (X, U, A), SI columns."""
@@ -142,7 +148,7 @@ class Transcription:
         """State at the end of the interval: the last stage is stiffly accurate."""
         q, dq, _, _ = self._at_stage(len(self.tableau.c) - 1, X, U, A)
         phi, gamma = self._drive[1]
-        return q, dq, _times(phi, X[2 * self.n :]) + _times(gamma, U)
+        return q, dq, sparse_times(phi, X[2 * self.n :]) + sparse_times(gamma, U)
 
     # --- costs and limits ---------------------------------------------------------------------
 
@@ -239,7 +245,3 @@ class Transcription:
         residuals = [f"{name} (stage {s})" for s in stages for name in layout.r.names]
         nodes = [f"continuity of {name}" for name in layout.x.names]
         return [*residuals, *nodes, *(rows.names[i] for _, rows, i in self._limits[1])]
-
-
-def _times(matrix: np.ndarray, vector: Any) -> Any:
-    return ca.mtimes(ca.sparsify(ca.DM(matrix)), vector)

@@ -25,7 +25,7 @@ from softmpc.model.layout import Layout
 from softmpc.model.report import COUNTED, describe, massless_strains, require_mass
 from softmpc.model.scene import Scene
 
-__all__ = ["Model", "build"]
+__all__ = ["Model", "build", "sparse_times"]
 
 
 def build(scene: Scene) -> Model:
@@ -270,12 +270,12 @@ class Model:
         x, u = ca.MX.sym("x", 2 * n + h), ca.MX.sym("u", self.drive.D.shape[1])
         q, dq, z = ca.vertsplit(x, [0, n, 2 * n, 2 * n + h])
         ddq = self.forward_dynamics(q, dq, self.pressures(z, u))
-        dz = _times(self.drive.A, z) + _times(self.drive.B, u) if h else ca.MX(0, 1)
+        dz = sparse_times(self.drive.A, z) + sparse_times(self.drive.B, u) if h else ca.MX(0, 1)
         return ca.Function("x_dot", [x, u], [ca.vertcat(dq, ddq, dz)], ["x", "u"], ["x_dot"])
 
     def pressures(self, z: Any, u: Any) -> Any:
         """Unit pressures P = C z + D u (Pa), of CasADi expressions."""
-        parts = [_times(G, v) for G, v in ((self.drive.C, z), (self.drive.D, u)) if np.any(G)]
+        parts = [sparse_times(G, v) for G, v in ((self.drive.C, z), (self.drive.D, u)) if np.any(G)]
         return sum(parts[1:], parts[0])
 
     # --- places --------------------------------------------------------------------------------
@@ -333,5 +333,6 @@ class Model:
         return describe(self)
 
 
-def _times(matrix: np.ndarray, vector: Any) -> Any:
+def sparse_times(matrix: np.ndarray, vector: Any) -> Any:
+    """Constant matrix times a CasADi vector; its zeros leave no instruction."""
     return ca.mtimes(ca.sparsify(ca.DM(matrix)), vector)

@@ -31,7 +31,7 @@ def run(hessian: str, intervals: int) -> tuple[float, list[Solution]]:
     solver = Ipopt(t, "exact" if hessian == "exact" else "gauss-newton")
     made = time.perf_counter() - began
     posture = find_equilibrium(model, pressures_from_torques(model, TORQUE))
-    z = -np.linalg.solve(model.drive.A, model.drive.B @ TORQUE)
+    z = model.drive.at_rest(TORQUE)
     x = np.concatenate([posture.q, np.zeros(model.strains), z])
     p = t.parameters(x, TORQUE, np.tile(posture.tips[-1] + MOVE, (intervals, 1)))
     return made, [solver.solve(p, t.resting(x, TORQUE)) for _ in range(3)]
