@@ -26,7 +26,8 @@ from softmpc.control.discretise import held_input
 from softmpc.control.limits import Rows
 from softmpc.control.ocp import Ocp
 from softmpc.control.stage import Stage
-from softmpc.model.model import sparse_times
+from softmpc.errors import BuildError
+from softmpc.model.model import Model, sparse_times
 from softmpc.simulation.tableau import Tableau, radau_iia
 
 __all__ = ["NonlinearProgram", "Transcription"]
@@ -53,6 +54,7 @@ class Transcription:
     def __init__(self, ocp: Ocp, stages: int = 2) -> None:
         self.ocp = ocp
         self.model = ocp.model
+        _require_linear_drive(self.model)
         self.tableau: Tableau = radau_iia(stages)
         layout = self.model.layout
         self.n, self.nx, self.nu = len(layout.q), len(layout.x), len(layout.u)
@@ -245,3 +247,13 @@ class Transcription:
         residuals = [f"{name} (stage {s})" for s in stages for name in layout.r.names]
         nodes = [f"continuity of {name}" for name in layout.x.names]
         return [*residuals, *nodes, *(rows.names[i] for _, rows, i in self._limits[1])]
+
+
+def _require_linear_drive(model: Model) -> None:
+    if not model.drive_is_linear:
+        raise BuildError(
+            f"this problem carries the drive {model.scene.actuation.name!r} exactly over each "
+            "interval, so it needs a linear one that the arm does not act on: leave out "
+            f"{', '.join(model.drive_nonlinear)} in the model of the controller; "
+            "the plant may keep them"
+        )

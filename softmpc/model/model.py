@@ -18,6 +18,7 @@ import numpy as np
 from softmpc.model import energy, newton_euler, places, virtual_power
 from softmpc.model.chain import Chain, State
 from softmpc.model.derivatives import Blocks, can_differentiate, differentiate
+from softmpc.model.drive_functions import DriveFunctions, sparse_times
 from softmpc.model.effects import Effect, TipLoad
 from softmpc.model.formulations import NewtonEuler
 from softmpc.model.hydraulics import DriveMatrices
@@ -34,7 +35,7 @@ def build(scene: Scene) -> Model:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model:
+class Model(DriveFunctions):
     """An arm as CasADi functions. Immutable; make it with `build(scene)`."""
 
     scene: Scene
@@ -270,13 +271,8 @@ class Model:
         x, u = ca.MX.sym("x", 2 * n + h), ca.MX.sym("u", self.drive.D.shape[1])
         q, dq, z = ca.vertsplit(x, [0, n, 2 * n, 2 * n + h])
         ddq = self.forward_dynamics(q, dq, self.pressures(z, u))
-        dz = sparse_times(self.drive.A, z) + sparse_times(self.drive.B, u) if h else ca.MX(0, 1)
+        dz = self.drive_rate(z, u, q, dq)
         return ca.Function("x_dot", [x, u], [ca.vertcat(dq, ddq, dz)], ["x", "u"], ["x_dot"])
-
-    def pressures(self, z: Any, u: Any) -> Any:
-        """Unit pressures P = C z + D u (Pa), of CasADi expressions."""
-        parts = [sparse_times(G, v) for G, v in ((self.drive.C, z), (self.drive.D, u)) if np.any(G)]
-        return sum(parts[1:], parts[0])
 
     # --- places --------------------------------------------------------------------------------
 
@@ -331,8 +327,3 @@ class Model:
 
     def __repr__(self) -> str:
         return describe(self)
-
-
-def sparse_times(matrix: np.ndarray, vector: Any) -> Any:
-    """Constant matrix times a CasADi vector; its zeros leave no instruction."""
-    return ca.mtimes(ca.sparsify(ca.DM(matrix)), vector)
