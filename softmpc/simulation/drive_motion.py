@@ -22,7 +22,8 @@ __all__ = ["DriveLaw", "DriveMotion"]
 class DriveLaw:
     """z(t) = constant + slope t + Re Σ_j modes_j exp(λ_j t), t from the start of the interval.
 
-    `constant`, `slope` (h), `modes` (h × eigenvalues, complex); `u0`, `u_slope` (k) the input.
+    `constant`, `slope` (h), `modes` (h × eigenvalues, complex); `u0`, `u_slope` (k) the input. Many
+    motions at once have these shapes behind their own (…).
     """
 
     constant: np.ndarray
@@ -45,19 +46,25 @@ class DriveMotion:
         self.rates = rates[self._upper]
         self._weight = np.where(self.rates.imag > 0, 2.0, 1.0)
 
+    @property
+    def condition(self) -> float:
+        """Condition of the eigenvectors: huge where modes coincide and the form below fails."""
+        return float(np.linalg.cond(self._shapes)) if len(self._shapes) else 1.0
+
     def law(self, z: np.ndarray, u0: np.ndarray, u_slope: np.ndarray) -> DriveLaw:
-        """The motion from state z (h) under the input u0 + u_slope t (k)."""
+        """The motion from state z (…×h) under the input u0 + u_slope t (…×k)."""
         A, B = self.drive.A, self.drive.B
-        slope = -np.linalg.solve(A, B @ u_slope)
-        constant = np.linalg.solve(A, slope - B @ u0)
-        share = np.linalg.solve(self._shapes, (z - constant) / self.scale)
-        modes = self.scale[:, None] * (self._shapes * share)[:, self._upper] * self._weight
-        return DriveLaw(constant, slope, modes, u0, u_slope)
+        slope = -_solve(A, u_slope @ B.T)
+        constant = _solve(A, slope - u0 @ B.T)
+        share = _solve(self._shapes, (z - constant) / self.scale)
+        modes = self._shapes[:, self._upper] * share[..., None, self._upper] * self._weight
+        return DriveLaw(constant, slope, self.scale[:, None] * modes, u0, u_slope)
 
     def states(self, law: DriveLaw, times: np.ndarray) -> np.ndarray:
-        """States z (K×h) at the times (K)."""
-        waves = np.exp(np.multiply.outer(times, self.rates)) @ law.modes.T
-        return law.constant + np.multiply.outer(times, law.slope) + waves.real
+        """States z (…×K×h) at the times (…×K)."""
+        waves = np.exp(times[..., None] * self.rates) @ np.swapaxes(law.modes, -1, -2)
+        straight = law.constant[..., None, :] + times[..., None] * law.slope[..., None, :]
+        return np.asarray(straight + waves.real)
 
     def pressures(self, z: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Unit pressures (K×m, Pa) at states z (K×h) and inputs u (K×k)."""
@@ -90,3 +97,9 @@ class DriveMotion:
         basis += [ca.exp(decays[j] * time) * cosines[j] for j in range(len(decays))]
         basis += [ca.exp(decays[j] * time) * ca.sin(turns[j] * time) for j in self._oscillates]
         return ca.reshape(coefficients, len(self.drive.C), len(basis)) @ ca.vertcat(*basis)
+
+
+def _solve(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Solutions (…×h) for vectors (…×h)."""
+    found = np.linalg.solve(matrix, np.atleast_2d(vectors)[..., None])[..., 0]
+    return np.asarray(found.reshape(vectors.shape))

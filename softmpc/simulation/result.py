@@ -16,6 +16,7 @@ from softmpc.files import replacing
 from softmpc.model.layout import Variables
 from softmpc.model.model import Model
 from softmpc.simulation.columns import write_columns
+from softmpc.simulation.inputs import InputProfile
 
 __all__ = ["SCHEMA_VERSION", "Simulation", "titles_of"]
 
@@ -45,6 +46,7 @@ class Simulation:
     tip_speeds: np.ndarray  # m/s (K×S)
     energies: dict[str, np.ndarray] = field(default_factory=dict)  # J (K), by name
     titles: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    profile: InputProfile | None = None  # the inputs over time, None where only `u` is known
 
     @property
     def finished(self) -> bool:

@@ -1,0 +1,146 @@
+"""Energy audit: what an arm stores is what was put in less what was lost.
+
+    Σ energies(t) - Σ energies(0) = Σ ∫ powers dt,
+
+term by term, over a recorded motion. The powers are integrated over the motion between the samples
+(`between`), so that the usual 0.01 s will do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from softmpc.errors import InputError
+from softmpc.model.effects import Coriolis
+from softmpc.model.model import Model
+from softmpc.simulation.between import MotionBetween
+from softmpc.simulation.inputs import InputProfile
+from softmpc.simulation.result import Simulation
+
+__all__ = ["Audit", "audit"]
+
+POINTS = 5  # of Gauss, in each stretch of time
+GROWTH = 3.0  # of the stretches after a breakpoint, where the drive's fastest modes die out
+CHUNK = 4096  # stretches at once: bounds the memory
+LEAST = 1e-6  # turnover, as a share of the energy of full strains: rest does not divide by zero
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """Energies and works at times `time` (K, s), each (K) in J and by name.
+
+    A work is positive where energy is put into the arm: drive and load, mostly; damping never.
+    `missing` says why the balance cannot close, if the scene has forces without an energy.
+    """
+
+    time: np.ndarray
+    energies: dict[str, np.ndarray]
+    works: dict[str, np.ndarray]
+    missing: tuple[str, ...]
+    least: float  # J, of `turnover`
+
+    @property
+    def error(self) -> np.ndarray:
+        """Energy that came from nowhere (K, J): change of all energies less all works."""
+        changes = [energy - energy[0] for energy in self.energies.values()]
+        nothing = np.zeros(len(self.time))
+        return np.asarray(sum(changes, nothing) - sum(self.works.values(), nothing))
+
+    @property
+    def turnover(self) -> float:
+        """The most energy (J) that any term took up or gave away."""
+        sizes = [np.abs(energy - energy[0]).max() for energy in self.energies.values()]
+        sizes += [np.abs(work).max() for work in self.works.values()]
+        return float(max([*sizes, self.least]))
+
+    @property
+    def closure(self) -> float:
+        """Largest |error| over the turnover; nan where a term is missing."""
+        return float("nan") if self.missing else float(np.abs(self.error).max()) / self.turnover
+
+    def summary(self) -> dict[str, Any]:
+        """What a program wants to know, ready for JSON."""
+        return {
+            "closure": None if self.missing else self.closure,
+            "missing": list(self.missing),
+            "turnover_j": self.turnover,
+            "energy_change_j": {name: float(e[-1] - e[0]) for name, e in self.energies.items()},
+            "work_j": {name: float(work[-1]) for name, work in self.works.items()},
+        }
+
+
+def audit(model: Model, simulation: Simulation, profile: InputProfile | None = None) -> Audit:
+    """The energy balance of a motion that `simulate` made of this model.
+
+    `profile` are its inputs, by default those the simulation remembers. Raises `InputError` where
+    there are none or where model and simulation do not match, and `BuildError` for an arm with
+    neither inertia nor damping.
+    """
+    profile = profile or simulation.profile
+    if profile is None:
+        raise InputError("this simulation does not know its inputs: give audit their profile")
+    if simulation.x.shape[1] != len(model.layout.x):
+        raise InputError(
+            f"a simulation of {simulation.x.shape[1]} states: this model has {len(model.layout.x)}"
+        )
+    full = float(np.abs(model.layout.r.scale * model.layout.q.scale).sum())
+    names = model.energies.name_out()
+    stored = model.energies.map(len(simulation.time))(simulation.q.T, simulation.dq.T)
+    stored = stored if isinstance(stored, tuple) else (stored,)
+    energies = {name: np.asarray(e).ravel() for name, e in zip(names, stored, strict=True)}
+    works = _works(model, simulation, profile) if len(simulation.time) > 1 else {}
+    return Audit(simulation.time, energies, works, _missing(model), LEAST * full)
+
+
+def _missing(model: Model) -> tuple[str, ...]:
+    """Why the energies of a scene cannot balance, if so."""
+    reasons, scene = [], model.scene
+    law = scene.formulation.elasticity
+    if "elastic" not in model.energies.name_out():
+        reasons.append(f"elastic: the elastic law {law.name!r} has no energy; take 'energy'")
+    if model.order == 2 and scene.effect(Coriolis) is None:
+        reasons.append("kinetic: without the effect 'coriolis' inertia has no energy")
+    return tuple(reasons)
+
+
+def _works(model: Model, simulation: Simulation, profile: InputProfile) -> dict[str, np.ndarray]:
+    """∫ of each power from the start to each sample (K, J)."""
+    motion = MotionBetween.of(model, simulation, profile)
+    ends = _stretches(motion, profile)
+    piece = np.searchsorted(motion.time, ends[:-1], side="right") - 1
+    names = model.powers.name_out()
+    gained = np.zeros((len(names), len(piece)))
+    for first in range(0, len(piece), CHUNK):
+        some = slice(first, first + CHUNK)
+        gained[:, some] = _gained(model, motion, piece[some], ends[:-1][some], ends[1:][some])
+    work = np.concatenate([np.zeros((len(names), 1)), np.cumsum(gained, axis=1)], axis=1)
+    at_samples = np.searchsorted(ends, simulation.time)
+    return dict(zip(names, work[:, at_samples], strict=True))
+
+
+def _stretches(motion: MotionBetween, profile: InputProfile) -> np.ndarray:
+    """Ends of the stretches of quadrature: of the pieces, and ever longer ones after a jump."""
+    ends = motion.time
+    if not motion.fastest:
+        return ends
+    jumps = np.union1d(ends[:1], profile.breakpoints)
+    count = max(0, int(np.log(motion.fastest * np.median(motion.lengths)) / np.log(GROWTH)) + 1)
+    cuts = np.add.outer(jumps, GROWTH ** np.arange(count) / motion.fastest).ravel()
+    return np.union1d(ends, cuts[(cuts > ends[0]) & (cuts < ends[-1])])
+
+
+def _gained(
+    model: Model, motion: MotionBetween, piece: np.ndarray, start: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """∫ of each power (powers × N, J) over stretches (N) by Gauss quadrature."""
+    nodes, weights = np.polynomial.legendre.leggauss(POINTS)
+    length = (end - start)[:, None]
+    time = start[:, None] + length * (1 + nodes) / 2
+    q, dq, p = (value.reshape(time.size, -1).T for value in motion(piece, time))
+    found = model.powers.map(time.size)(q, dq, p)
+    found = found if isinstance(found, tuple) else (found,)
+    powers = np.stack([np.asarray(power).reshape(time.shape) for power in found])
+    return np.asarray((powers * weights).sum(axis=2) * length[:, 0] / 2)
