@@ -87,10 +87,7 @@ def audit(model: Model, simulation: Simulation, profile: InputProfile | None = N
             f"a simulation of {simulation.x.shape[1]} states: this model has {len(model.layout.x)}"
         )
     full = float(np.abs(model.layout.r.scale * model.layout.q.scale).sum())
-    names = model.energies.name_out()
-    stored = model.energies.map(len(simulation.time))(simulation.q.T, simulation.dq.T)
-    stored = stored if isinstance(stored, tuple) else (stored,)
-    energies = {name: np.asarray(e).ravel() for name, e in zip(names, stored, strict=True)}
+    energies = _named(model.energies, simulation.q, simulation.dq)
     works = _works(model, simulation, profile) if len(simulation.time) > 1 else {}
     return Audit(simulation.time, energies, works, _missing(model), LEAST * full)
 
@@ -139,8 +136,14 @@ def _gained(
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
     length = (end - start)[:, None]
     time = start[:, None] + length * (1 + nodes) / 2
-    q, dq, p = (value.reshape(time.size, -1).T for value in motion(piece, time))
-    found = model.powers.map(time.size)(q, dq, p)
-    found = found if isinstance(found, tuple) else (found,)
-    powers = np.stack([np.asarray(power).reshape(time.shape) for power in found])
+    at_nodes = (value.reshape(time.size, -1) for value in motion(piece, time))
+    found = _named(model.powers, *at_nodes)
+    powers = np.stack([power.reshape(time.shape) for power in found.values()])
     return np.asarray((powers * weights).sum(axis=2) * length[:, 0] / 2)
+
+
+def _named(function: Any, *arguments: np.ndarray) -> dict[str, np.ndarray]:
+    """Scalar outputs (N each) of a CasADi function by name."""
+    outputs = function.map(len(arguments[0])).call([argument.T for argument in arguments])
+    names = function.name_out()
+    return {name: np.asarray(value).ravel() for name, value in zip(names, outputs, strict=True)}

@@ -12,9 +12,14 @@ import numpy as np
 from softmpc.errors import InputError
 from softmpc.files import replacing
 
-__all__ = ["read_columns", "write_columns"]
+__all__ = ["name_of", "read_columns", "read_titled", "write_columns"]
 
 Path_ = str | os.PathLike[str]
+
+
+def name_of(title: str) -> str:
+    """The name in a title such as `T_1 [N·m]`."""
+    return title.partition("[")[0].strip()
 
 
 def read_columns(path: Path_) -> dict[str, np.ndarray]:
@@ -23,17 +28,21 @@ def read_columns(path: Path_) -> dict[str, np.ndarray]:
     Raises `InputError` for a missing file, no rows, a value that is no finite number, a name given
     twice, or times that do not increase.
     """
+    return {name_of(title): column for title, column in read_titled(path).items()}
+
+
+def read_titled(path: Path_) -> dict[str, np.ndarray]:
+    """As `read_columns`, by title with unit."""
     header, rows = _read_rows(Path(path))
-    names = [cell.partition("[")[0].strip() for cell in header]
+    names = [name_of(cell) for cell in header]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{path}: column {name!r} is there twice")
     if "t" not in names:
         raise InputError(f"{path}: has no column 't' (time in s); columns: {', '.join(names)}")
     values = np.array([_numbers(path, names, line, row) for line, row in rows])
-    columns = dict(zip(names, values.T, strict=True))
-    _check_times(path, columns["t"], [line for line, _ in rows])
-    return columns
+    _check_times(path, values[:, names.index("t")], [line for line, _ in rows])
+    return dict(zip((cell.strip() for cell in header), values.T, strict=True))
 
 
 def write_columns(path: Path_, columns: Mapping[str, np.ndarray]) -> None:

@@ -156,13 +156,13 @@ class InputProfile:
         """As the call, but at a jump the value before it."""
         return np.stack([curve.before(t) for curve in self.curves], axis=-1)
 
-    def over(self, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs (units) at both ends of an interval (s) without breakpoints inside.
+    def over(self, start: Any, end: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs (…×units) at both ends of intervals (…, s) without breakpoints inside.
 
         Extended from inside the interval: a breakpoint at an end, or a rounding beyond it, is not
         seen.
         """
-        a, b = self(start + (end - start) * np.array([0.25, 0.75]))
+        a, b = self(start + np.multiply.outer([0.25, 0.75], np.subtract(end, start)))
         return 1.5 * a - 0.5 * b, 1.5 * b - 0.5 * a
 
     @property

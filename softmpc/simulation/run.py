@@ -220,5 +220,6 @@ def _result(
         tip_speeds=np.linalg.norm(velocities.reshape(count, -1, 3), axis=2),
         energies={name: np.asarray(e).ravel() for name, e in energies.items()},
         titles=titles_of(model),
+        profile=profile,
         **about,
     )
