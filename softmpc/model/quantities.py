@@ -8,7 +8,17 @@ from typing import Any
 
 from softmpc.errors import InputError, ParameterError, unknown_name
 
-__all__ = ["SOURCES", "Range", "check_quantities", "choice", "is_number", "quantity", "toml_key"]
+__all__ = [
+    "SOURCES",
+    "Range",
+    "check_quantities",
+    "choice",
+    "is_number",
+    "parts",
+    "quantity",
+    "toml_key",
+    "vector",
+]
 
 SOURCES = ("table 1", "deduced", "fitted", "assumed")
 
@@ -77,22 +87,40 @@ def quantity(
     doc: str,
     toml: str | None = None,
     low_open: bool = False,
+    count: int | None = None,
 ) -> Any:
     """Return a dataclass field for a number (or, if ``default`` is a tuple, for several).
 
     ``source`` is one of `SOURCES`, a colon and a short explanation; ``toml`` is the key in scene
-    files where it differs from the field's name.
+    files where it differs from the field's name; ``count`` is how many numbers there must be.
     """
     if source.partition(":")[0] not in SOURCES:
         raise ParameterError(unknown_name("source", source, SOURCES))
     metadata = {
         "range": Range(unit, low, high, low_open),
         "many": isinstance(default, tuple),
+        "count": count,
         "source": source,
         "doc": doc,
         "toml": toml,
     }
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def vector(default: tuple[float, float, float], *, unit: str, source: str, doc: str) -> Any:
+    """Return a dataclass field for three finite numbers."""
+    return quantity(
+        default, unit=unit, source=source, doc=doc, low=-math.inf, high=math.inf, count=3
+    )
+
+
+def parts(allowed: dict[str, type], *, doc: str) -> Any:
+    """Return a dataclass field for a tuple of objects, each of one of the ``allowed`` classes.
+
+    The classes are dataclasses of quantities; in scene files each object is a table with its
+    class's name as ``kind``.
+    """
+    return dataclasses.field(default=(), metadata={"parts": allowed, "source": "", "doc": doc})
 
 
 def choice(default: str, *, allowed: tuple[str, ...], source: str, doc: str) -> Any:
@@ -113,9 +141,31 @@ def check_quantities(obj: Any) -> None:
         label, value = f"{type(obj).__name__}.{item.name}", getattr(obj, item.name)
         if "range" in item.metadata:
             check = _check_many if item.metadata["many"] else Range.check
-            object.__setattr__(obj, item.name, check(item.metadata["range"], label, value))
+            checked = check(item.metadata["range"], label, value)
+            _check_count(label, checked, item.metadata["count"])
+            object.__setattr__(obj, item.name, checked)
         elif "allowed" in item.metadata and value not in item.metadata["allowed"]:
             raise ParameterError(unknown_name(label, value, item.metadata["allowed"]))
+        elif "parts" in item.metadata:
+            object.__setattr__(
+                obj, item.name, _check_parts(label, value, tuple(item.metadata["parts"].values()))
+            )
+
+
+def _check_count(label: str, numbers: Any, count: int | None) -> None:
+    if count is not None and len(numbers) != count:
+        raise ParameterError(f"{label} = {numbers!r}: must be {count} numbers")
+
+
+def _check_parts(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    names = " or ".join(kind.__name__ for kind in kinds)
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise ParameterError(f"{label} = {value!r}: must be a list of {names} objects")
+    found = tuple(value)
+    for i, item in enumerate(found):
+        if not isinstance(item, kinds):
+            raise ParameterError(f"{label}[{i}] = {item!r}: must be a {names} object")
+    return found
 
 
 def _check_many(allowed: Range, label: str, value: Any) -> tuple[float, ...]:

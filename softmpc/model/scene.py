@@ -129,11 +129,18 @@ def _ordered_effects(effects: Any) -> tuple[Effect, ...]:
 
 
 def _check_consistency(scene: Scene) -> None:
-    for kind in (Coriolis, RotaryInertia):
-        if scene.effect(kind) and not scene.effect(Inertia):
+    scene.actuation.check(scene.effects)
+    names = {effect.name for effect in scene.effects}
+    for effect in scene.effects:
+        for needed in (name for name in effect.needs if name not in names):
             raise SceneError(
-                f"effect {kind.name!r} needs the effect 'inertia': add it, "
-                f"or leave {kind.name!r} out as well for a quasi-static arm"
+                f"effect {effect.name!r} needs the effect {needed!r}: add it, "
+                f"or leave {effect.name!r} out as well"
+            )
+        if effect.virtual_power_only and isinstance(scene.formulation, NewtonEuler):
+            raise SceneError(
+                f"effect {effect.name!r} is not in the formulation {scene.formulation.name!r}: "
+                "use 'virtual-power', or leave the effect out"
             )
     if isinstance(scene.formulation, NewtonEuler) and scene.strains != STRAINS:
         raise SceneError(

@@ -9,16 +9,8 @@ from typing import Any, TypeVar
 from softmpc.errors import SceneError, errors_in, nearest
 from softmpc.files import replacing
 from softmpc.model.actuation import Actuation, HydraulicDrive, PressureDrive, SlowDrive, StaticDrive
-from softmpc.model.effects import (
-    Coriolis,
-    Effect,
-    EnvironmentDamping,
-    Gravity,
-    Inertia,
-    MaterialDamping,
-    RotaryInertia,
-    TipLoad,
-)
+from softmpc.model.effect_tables import read_effects, write_effects
+from softmpc.model.effects import Effect, TipLoad
 from softmpc.model.elasticity import (
     Elasticity,
     EnergyElasticity,
@@ -55,13 +47,6 @@ ELASTICITIES: dict[str, Elasticity] = {
 ACTUATIONS: dict[str, Actuation] = {
     drive.name: drive for drive in (HydraulicDrive(), SlowDrive(), StaticDrive(), PressureDrive())
 }
-SWITCHES: tuple[type[Effect], ...] = (
-    Inertia,
-    Coriolis,
-    RotaryInertia,
-    EnvironmentDamping,
-    MaterialDamping,
-)
 TABLES = ("manipulator", "hydraulics", "limits", "model", "effects", "actuation", "load")
 OTHER_TABLES = ("track", "simulate")  # checked by the modules that use them
 ZERO = (0.0, 0.0, 0.0)
@@ -133,7 +118,7 @@ def scene_from_dict(document: dict[str, Any]) -> Scene:
         "segments": model.integer("segments", 1, low=1, high=MAX_SEGMENTS),
         "kinematics": _pick(model, "kinematics", KINEMATICS, ConstantStrainArc.name),
         "formulation": _read_formulation(model),
-        "effects": _read_effects(top.table("effects"), strains) + _read_load(top.table("load")),
+        "effects": read_effects(top.table("effects"), strains) + _read_load(top.table("load")),
         "actuation": _pick(actuation, "kind", ACTUATIONS, HydraulicDrive.name),
     }
     model.finish()
@@ -151,7 +136,7 @@ def scene_to_dict(scene: Scene) -> dict[str, Any]:
     model |= {"formulation": formulation.name, "mass": formulation.mass.name}
     model |= {"elasticity": formulation.elasticity.name, "strains": list(scene.strains)}
     document: dict[str, Any] = {"schema": SCHEMA_VERSION, **manipulator_to_dict(scene.manipulator)}
-    document |= {"model": model, "effects": _write_effects(scene)}
+    document |= {"model": model, "effects": write_effects(scene.effects)}
     document["actuation"] = {"kind": scene.actuation.name}
     if load:
         document["load"] = {"tip_force": list(load.force), "tip_moment": list(load.moment)}
@@ -178,25 +163,6 @@ def _read_formulation(model: Table) -> Formulation:
         wanted = "'lumped' (or left out) with newton-euler: use virtual-power for Gauss points"
         raise model.error("mass", model.raw("mass"), wanted)
     return kind(**given)
-
-
-def _read_effects(table: Table, strains: tuple[str, ...]) -> tuple[Effect, ...]:
-    """Read the effects; those of inertia follow ``inertia``, gravity is there only if given."""
-    inertia = table.boolean(Inertia.name, True)
-    defaults = {Coriolis: inertia, RotaryInertia: inertia and "kappa_z" in strains}
-    found: list[Effect] = [
-        kind() for kind in SWITCHES if table.boolean(kind.name, defaults.get(kind, True))
-    ]
-    if Gravity.name in table:
-        found.append(Gravity(table.vector(Gravity.name, 3, unit="m/s²")))
-    table.finish()
-    return tuple(found)
-
-
-def _write_effects(scene: Scene) -> dict[str, Any]:
-    gravity = scene.effect(Gravity)
-    written: dict[str, Any] = {Gravity.name: list(gravity.vector)} if gravity else {}
-    return written | {kind.name: scene.effect(kind) is not None for kind in SWITCHES}
 
 
 def _read_load(table: Table) -> tuple[Effect, ...]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import Field, fields
 from typing import Any
 
-from softmpc.model.effects import Gravity
+from softmpc.model.effect_tables import SWITCHED
 from softmpc.model.manipulator_tables import ANGLES, MAX_SECTIONS, manipulator_to_dict
 from softmpc.model.parameters import Hydraulics, Limits, Section
 from softmpc.model.presets import DEFAULT_PRESET, PRESETS, preset
@@ -17,7 +17,6 @@ from softmpc.model.scene_file import (
     FORMULATIONS,
     KINEMATICS,
     MASSES,
-    SWITCHES,
 )
 
 __all__ = ["reference_page"]
@@ -48,7 +47,7 @@ def reference_page() -> str:
     parts += ["## [model]", _table(WORDS, _model_rows()), _names("kinematics", KINEMATICS)]
     parts += [_names("formulation", FORMULATIONS), _names("mass", MASSES)]
     parts += [_names("elasticity", ELASTICITIES)]
-    parts += ["## [effects]", _table(WORDS, _effect_rows())]
+    parts += ["## [effects]", _table(WORDS, _effect_rows()), *_effect_parts()]
     parts += ["## [actuation]", _table(WORDS, _actuation_rows()), _names("kind", ACTUATIONS)]
     parts += ["## [load]", _table(WORDS, _load_rows())]
     return "\n\n".join(parts) + "\n"
@@ -80,13 +79,48 @@ def _model_rows() -> Rows:
 
 
 def _effect_rows() -> Rows:
-    yield Gravity.name, "none", "[x, y, z] in m/s²", _first_line(Gravity)
     defaults = {
         "coriolis": "as `inertia`",
         "rotary_inertia": "as `inertia`, where kappa_z is a state",
     }
-    for kind in SWITCHES:
-        yield kind.name, defaults.get(kind.name, "true"), "true, false", _first_line(kind)
+    for kind in SWITCHED:
+        default = defaults.get(kind.name, "true" if kind.by_default else "false")
+        allowed = "true, false"
+        if kind.bare:
+            default, allowed = (
+                "none",
+                f"[x, y, z] in {_field(kind, kind.bare).metadata['range'].unit}",
+            )
+        elif fields(kind):  # type: ignore[arg-type]
+            allowed = "true, false, or a table of its parameters"
+        yield kind.name, default, allowed, _first_line(kind)
+
+
+def _effect_parts() -> Iterable[str]:
+    """Tables of parameters, for each effect that has some."""
+    for kind in SWITCHED:
+        if kind.bare or not fields(kind):  # type: ignore[arg-type]
+            continue
+        yield f"### {kind.name}"
+        yield _first_line(kind)
+        yield from _record_tables(kind)
+
+
+def _record_tables(kind: type) -> Iterable[str]:
+    items = fields(kind)
+    yield _table(QUANTITIES, [_quantity_row(item, _default(item)) for item in items])
+    for item in items:
+        for name, part in item.metadata.get("parts", {}).items():
+            yield f'`{item.name}` of `kind = "{name}"`: {_first_line(part)}'
+            yield from _record_tables(part)
+
+
+def _field(kind: type, name: str) -> Any:
+    return next(item for item in fields(kind) if item.name == name)
+
+
+def _default(item: "Field[Any]") -> Any:
+    return list(item.default) if isinstance(item.default, tuple) else item.default
 
 
 def _actuation_rows() -> Rows:
@@ -102,6 +136,9 @@ def _quantity_row(item: "Field[Any]", default: Any) -> tuple[Any, ...]:
     source, doc = item.metadata["source"], item.metadata["doc"]
     if "allowed" in item.metadata:
         return item.name, "", f"`{default}`", _words(item.metadata["allowed"]), source, doc
+    if "parts" in item.metadata:
+        kinds = _words(item.metadata["parts"])
+        return item.name, "", default, f"list of tables, `kind` one of {kinds}", "", doc
     allowed: Range = item.metadata["range"]
     unit, low, high = allowed.unit, allowed.low, allowed.high
     if toml_key(item) == ANGLES:

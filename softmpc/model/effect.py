@@ -1,0 +1,40 @@
+"""What an effect is: the base class of everything a scene adds to elasticity and drive.
+
+An effect is a small frozen dataclass. Its parameters are fields made with `quantity`, `vector`,
+`choice` or `parts` (softmpc/model/quantities.py), so unit, source, range and meaning are known:
+`__post_init__` checks them, and scene files and their reference page need nothing more. An effect
+is listed in `EFFECTS` of softmpc/model/effects.py.
+"""
+
+from __future__ import annotations
+
+from abc import ABC
+from typing import TYPE_CHECKING, ClassVar
+
+from softmpc.model.quantities import check_quantities
+
+if TYPE_CHECKING:
+    from softmpc.model.parameters import Section
+
+__all__ = ["Effect"]
+
+
+class Effect(ABC):
+    """Something a scene may contain or leave out."""
+
+    name: ClassVar[str]
+    by_default: ClassVar[bool] = False  # in scenes that do not speak of it
+    needs: ClassVar[tuple[str, ...]] = ()  # names of effects it makes no sense without
+    bare: ClassVar[str | None] = None  # the one parameter that scene files give without its name
+    virtual_power_only: ClassVar[bool] = False  # refused by the Newton-Euler formulations
+
+    def __post_init__(self) -> None:
+        check_quantities(self)
+
+    def on_body(self, section: Section, share: float) -> dict[str, float]:
+        """Coefficients of `BodyLaw` for a body with that share of the section's mass."""
+        return {}
+
+    def on_strains(self, section: Section, rest: float) -> tuple[float, ...] | None:
+        """Viscous coefficients of (ε, kx, ky, kz) of a segment of rest length `rest`."""
+        return None
