@@ -38,7 +38,7 @@ def test_preset_v1_is_frozen() -> None:
         bulk_modulus=2.18e9, piston_area=0.0021, piston_mass=1.2, tube_length=1.61,
         tube_diameter=0.004, water_viscosity=1.01e-3, screw_lead=0.004, efficiency=0.535,
         screw="lead/2pi", piston_damping=200.0, friction=0.0, cylinder_volume=7.35e-4,
-        chamber_volume=7.85e-5,
+        chamber_volume=7.85e-5, water_density=1000.0, friction_velocity=1e-3,
     )  # fmt: skip
     limits = dict(
         pressure_min=0.0, pressure_max=1e6, torque_min=0.0, torque_max=2.5, stroke_max=0.35

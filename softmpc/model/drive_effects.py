@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
 from softmpc.model.effect import Effect
-from softmpc.model.quantities import check_quantities, quantity
+from softmpc.model.quantities import quantity
 
 __all__ = [
     "DRIVE_EFFECTS",
@@ -34,9 +34,6 @@ class DriveEffect(Effect):
     """An effect of the drive, not of the arm; `linear` where dz/dt = A z + B u still holds."""
 
     linear: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        check_quantities(self)
 
 
 @dataclass(frozen=True)

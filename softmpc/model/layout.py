@@ -19,6 +19,7 @@ UNITS = {
     "P_a": "Pa",
     "P_c": "Pa",
     "P_slow": "Pa",
+    "Q": "m³/s",
 }
 
 
@@ -63,15 +64,15 @@ class Layout:
         arm, drive = scene.manipulator, scene.actuation
         count, pressure = range(1, arm.units + 1), _full_pressure(scene)
         sizes = {"piston_speed": 0.05, "P_a": pressure, "P_c": pressure, "P_slow": pressure}
+        sizes["Q"] = sizes["piston_speed"] * arm.hydraulics.piston_area
+        kinds = drive.unit_states(scene.effects)
         torque = max(abs(arm.limits.torque_max), abs(arm.limits.torque_min))
         p = _column([(f"P_{j}", "Pa", pressure) for j in count])
         return cls(
             q=Variables(tuple(names), tuple(units), q),
             dq=_rates(names, units, q * pace, 1),
             ddq=_rates(names, units, q * np.square(pace), 2),
-            z=_column(
-                [(f"{kind}_{j}", UNITS[kind], sizes[kind]) for kind in drive.states for j in count]
-            ),
+            z=_column([(f"{kind}_{j}", UNITS[kind], sizes[kind]) for kind in kinds for j in count]),
             u=_column([(f"T_{j}", "N·m", torque) for j in count]) if drive.input == "torque" else p,
             p=p,
             r=Variables(tuple(f"balance of {n}" for n in names), ("",) * len(names), np.array(row)),

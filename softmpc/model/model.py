@@ -31,7 +31,8 @@ __all__ = ["Model", "build", "sparse_times"]
 
 def build(scene: Scene) -> Model:
     """The model of a scene; raises `BuildError` where it cannot be made."""
-    return Model(scene, Chain(scene), scene.actuation.matrices(scene.manipulator))
+    drive = scene.actuation.matrices(scene.manipulator, scene.effects)
+    return Model(scene, Chain(scene), drive)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

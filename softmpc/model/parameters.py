@@ -131,6 +131,10 @@ class Hydraulics:
         1.01e-3, unit="Pa·s", source="table 1: μ", low=1e-6, high=1e4,
         doc="dynamic viscosity of the fluid",
     )
+    water_density: float = quantity(
+        1000.0, unit="kg/m³", source="assumed: water", low=1.0, high=2e4,
+        doc="density of the fluid in the tube; for its inertance and its Reynolds number",
+    )
     screw_lead: float = quantity(
         0.004, unit="m", source="table 1: s", low=1e-5, high=1.0, doc="lead of the screw",
     )
@@ -150,6 +154,10 @@ class Hydraulics:
     friction: float = quantity(
         0.0, unit="N", source="assumed: not printed", low=0.0, high=1e7,
         doc="Coulomb friction f of the piston (32)",
+    )
+    friction_velocity: float = quantity(
+        1e-3, unit="m/s", source="assumed: small against 0.05 m/s of the pistons", low=1e-9,
+        high=1.0, doc="speed of the piston at which friction is 76 % of f: f tanh(speed/this)",
     )
     cylinder_volume: float = quantity(
         7.35e-4, unit="m³", source="table 1: V_2", low=1e-12, high=100.0,

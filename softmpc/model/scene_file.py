@@ -8,7 +8,14 @@ from typing import Any, TypeVar
 
 from softmpc.errors import SceneError, errors_in, nearest
 from softmpc.files import replacing
-from softmpc.model.actuation import Actuation, HydraulicDrive, PressureDrive, SlowDrive, StaticDrive
+from softmpc.model.actuation import (
+    Actuation,
+    FrictionDrive,
+    HydraulicDrive,
+    PressureDrive,
+    SlowDrive,
+    StaticDrive,
+)
 from softmpc.model.effect_tables import read_effects, write_effects
 from softmpc.model.effects import Effect, TipLoad
 from softmpc.model.elasticity import (
@@ -45,7 +52,8 @@ ELASTICITIES: dict[str, Elasticity] = {
     law.name: law for law in (EnergyElasticity(), StrainElasticity(), PrintedElasticity())
 }
 ACTUATIONS: dict[str, Actuation] = {
-    drive.name: drive for drive in (HydraulicDrive(), SlowDrive(), StaticDrive(), PressureDrive())
+    drive.name: drive
+    for drive in (HydraulicDrive(), FrictionDrive(), SlowDrive(), StaticDrive(), PressureDrive())
 }
 TABLES = ("manipulator", "hydraulics", "limits", "model", "effects", "actuation", "load")
 OTHER_TABLES = ("track", "simulate")  # checked by the modules that use them
