@@ -10,7 +10,7 @@ Array = np.ndarray
 
 
 def quintic(s: Array, h: Array, left: tuple[Array, ...], right: tuple[Array, ...]) -> Array:
-    """Values (K×n) and rates (K×n) at shares s (K) of steps h (K) with value, rate, acceleration."""
+    """Values and rates (2×K×n) at shares s (K) of steps h (K); value, rate, acceleration given."""
     s, h = s[:, None], h[:, None]
     q0, v0, a0 = left
     q1, v1, a1 = right
@@ -29,7 +29,7 @@ def quintic(s: Array, h: Array, left: tuple[Array, ...], right: tuple[Array, ...
 
 
 def cubic(s: Array, h: Array, left: tuple[Array, ...], right: tuple[Array, ...]) -> Array:
-    """Values (K×n) and rates (K×n) at shares s (K) of steps h (K) with value and rate."""
+    """Values and rates (2×K×n) at shares s (K) of steps h (K); value and rate given."""
     s, h = s[:, None], h[:, None]
     (q0, v0), (q1, v1) = left, right
     gap, slope = q1 - q0 - h * v0, h * (v1 - v0)

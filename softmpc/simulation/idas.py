@@ -1,13 +1,14 @@
 """The arm integrated by IDAS (variable-order BDF of SUNDIALS) on its residual.
 
-Only the arm is integrated: the linear drive is solved in closed form (`drive_motion`) and enters as
-pressures P(t). With scaled variables, and time as a fraction of the interval, IDAS sees
+A linear drive is solved in closed form (`drive_motion`) and enters as pressures P(t); any other
+(`System.joint`) is integrated with the arm. With scaled variables, and time as a fraction of the
+interval, IDAS sees
 
     dq/ds = T dq,  d(dq)/ds = T a,  0 = r(q, dq, a, P(T s))        with inertia (order 2)
     dq/ds = T v,                    0 = r(q, v, 0, P(T s))         damped, without inertia (order 1)
 
-where a and v are algebraic; no mass matrix is inverted on the way. T is a parameter, so one
-integrator serves every length of interval.
+and dz/ds = T f(z, u, q, dq) for a drive that is integrated. a and v are algebraic; no mass matrix
+is inverted on the way. T is a parameter, so one integrator serves every length of interval.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from softmpc.errors import BuildError, InputError
+from softmpc.errors import InputError
 from softmpc.model.model import Model
-from softmpc.simulation.drive_motion import DriveMotion
 from softmpc.simulation.integrator import IntegrationError, Interval
+from softmpc.simulation.system import System
 
 __all__ = ["Idas"]
 
@@ -39,12 +40,7 @@ class Idas:
     def __init__(self, model: Model, tolerance: float = 1e-8) -> None:
         if not 1e-13 <= tolerance <= 1e-2:
             raise InputError(f"tolerance = {tolerance!r}: must be between 1e-13 and 0.01")
-        if model.order == 2:
-            model.require_mass("a simulation")
-        else:
-            _require_damping(model)
-        self.model, self.tolerance = model, float(tolerance)
-        self.drive = DriveMotion(model.drive, model.layout.z.scale)
+        self.model, self.tolerance, self.system = model, float(tolerance), System(model)
         self._integrator = lru_cache(maxsize=8)(self._make)  # by the number of samples
 
     def advance(
@@ -55,60 +51,59 @@ class Idas:
         Without inertia the dq given is not used.
         """
         given = Interval(self.model, x, u, duration, samples, u_end)
-        law = self.drive.law(given.z, given.u0, given.u_slope)
-        x0, a0 = self._start(given)
-        p = np.concatenate([[duration], self.drive.pressure_coefficients(law)])
+        system, drive = self.system, self.system.drive
+        w, coefficients = system.input_law(given)
+        y = system.start(given.q, given.dq, given.z, w)
+        arm = [given.q, given.dq] if system.order == 2 else [given.q]
+        x0 = np.concatenate([*arm, given.z[: system.k]]) / self._scales[0]
+        p = np.concatenate([[duration], coefficients])
         try:
-            solved = self._integrator(samples)(x0=x0, z0=a0, p=p)
+            solved = self._integrator(samples)(x0=x0, z0=y[: system.n] / self._scales[1], p=p)
         except RuntimeError as error:
             raise IntegrationError(_reason(error)) from None
-        arm = self._arm_states(np.asarray(solved["xf"]).T, np.asarray(solved["zf"]).T)
-        if not np.all(np.isfinite(arm)):
+        states = self._states(np.asarray(solved["xf"]).T, np.asarray(solved["zf"]).T)
+        if drive is not None:
+            states = np.hstack([states, drive.states(system.law(given), given.times)])
+        if not np.all(np.isfinite(states)):
             raise IntegrationError("IDAS: the motion is no longer finite")
-        return np.hstack([arm, self.drive.states(law, given.times)])
+        return states
 
     # --- scaled variables ----------------------------------------------------------------------
 
     @cached_property
     def _scales(self) -> tuple[np.ndarray, np.ndarray]:
         """Scales of the differential and of the algebraic variables."""
-        layout = self.model.layout
-        if self.model.order == 2:
-            return np.concatenate([layout.q.scale, layout.dq.scale]), layout.ddq.scale
-        return layout.q.scale, layout.dq.scale
+        layout, drive = self.model.layout, self.model.layout.z.scale[: self.system.k]
+        if self.system.order == 2:
+            return np.concatenate([layout.q.scale, layout.dq.scale, drive]), layout.ddq.scale
+        return np.concatenate([layout.q.scale, drive]), layout.dq.scale
 
-    def _start(self, given: Interval) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled variables at the start; the algebraic ones solve the residual exactly."""
-        p = self.drive.pressures(given.z, given.u0)
+    def _states(self, x: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """(q, dq), and z where it is integrated (samples×…), of scaled variables."""
         x_scale, a_scale = self._scales
-        if self.model.order == 2:
-            a = self.model.forward_dynamics(given.q, given.dq, p)
-            x = np.concatenate([given.q, given.dq])
-        else:
-            a, x = _rates_without_inertia(self.model, given.q, p), given.q
-        return x / x_scale, np.asarray(a).ravel() / a_scale
-
-    def _arm_states(self, x: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """(q, dq) (samples×2n) of scaled variables."""
-        x_scale, a_scale = self._scales
-        if self.model.order == 2:
+        if self.system.order == 2:
             return x * x_scale
-        return np.hstack([x * x_scale, a * a_scale])
+        q, z = np.split(x * x_scale, [self.system.n], axis=1)
+        return np.hstack([q, a * a_scale, z])
 
     # --- the integrator ------------------------------------------------------------------------
 
     @cached_property
     def _dae(self) -> dict[str, Any]:
-        model, n = self.model, self.model.strains
+        model, system, n = self.model, self.system, self.system.n
         x_scale, a_scale = self._scales
         s, x, a = ca.MX.sym("s"), ca.MX.sym("x", len(x_scale)), ca.MX.sym("a", n)
-        p = ca.MX.sym("p", 1 + self.drive.coefficients)
-        duration, states, highest = p[0], x * x_scale, a * a_scale
-        rates = ca.vertcat(states[n:], highest)  # of (q, dq), or of q alone
-        pressure = self.drive.pressure(p[1:], duration * s)
-        motion = [*ca.vertsplit(states, n), highest] if model.order == 2 else [states, highest, 0]
+        p = ca.MX.sym("p", 1 + system.coefficients)
+        states, highest = x * x_scale, a * a_scale
+        arm, z = states[: len(x_scale) - system.k], states[len(x_scale) - system.k :]
+        rates = ca.vertcat(arm[n:], highest)  # of (q, dq), or of q alone
+        w = system.input(p[1:], p[0] * s)
+        pressure = model.pressures(z, w) if system.joint else w
+        motion = [*ca.vertsplit(arm, n), highest] if system.order == 2 else [arm, highest, 0]
+        if system.joint:
+            rates = ca.vertcat(rates, model.drive_rate(z, w, *motion[:2]))
         balance = _residual_with_jacobian(model)(*motion, pressure) / model.layout.r.scale
-        return {"t": s, "x": x, "z": a, "p": p, "ode": duration * rates / x_scale, "alg": balance}
+        return {"t": s, "x": x, "z": a, "p": p, "ode": p[0] * rates / x_scale, "alg": balance}
 
     def _make(self, samples: int) -> ca.Function:
         options = {
@@ -141,32 +136,6 @@ def _residual_with_jacobian(model: Model) -> ca.Function:
         "enable_reverse": False,
     }
     return ca.Function("residual", symbols, [model.residual(*symbols)], names, ["r"], options)
-
-
-def _damping(model: Model, q: np.ndarray) -> np.ndarray:
-    """∂r/∂dq (n×n) at rest."""
-    return np.asarray(model.residual_jacobian(q, 0, 0, 0)[1])
-
-
-def _rates_without_inertia(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Rates dq (n) that solve r(q, dq, 0, p) = 0, linear in dq."""
-    rest = np.asarray(model.residual(q, 0, 0, p)).ravel()
-    return -np.linalg.solve(_damping(model, q), rest)
-
-
-def _require_damping(model: Model) -> None:
-    if model.order == 0:
-        raise BuildError(
-            "IDAS needs inertia or damping, this scene has neither: add an effect, or take "
-            "softmpc.simulation.following.Following"
-        )
-    scale = model.layout.dq.scale
-    D = _damping(model, np.zeros(model.strains)) * np.outer(scale, scale)
-    if np.linalg.matrix_rank(D) < len(D):
-        raise BuildError(
-            "without inertia IDAS needs damping in every strain: add the effect "
-            "'material_damping', or leave all damping out so that the arm follows at once"
-        )
 
 
 def _reason(error: RuntimeError) -> str:

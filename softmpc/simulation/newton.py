@@ -101,7 +101,11 @@ class Stages:
         if self.system.order == 1:
             return ca.repmat(start.q, 1, count) + first[:n, :], y[:n, :], z
         shares = ca.DM(once.sum(axis=1)[None, :])
-        q = ca.repmat(start.q, 1, count) + h * (start.dq @ shares) + h**2 * (y[:n, :] @ ca.DM(twice).T)
+        q = (
+            ca.repmat(start.q, 1, count)
+            + h * (start.dq @ shares)
+            + h**2 * (y[:n, :] @ ca.DM(twice).T)
+        )
         return q, ca.repmat(start.dq, 1, count) + first[:n, :], z
 
     def rows(self, start: Start, y: Any, w: Any) -> Any:
@@ -152,9 +156,7 @@ class Stages:
         done = ca.logic_or(size <= SURE * wanted, ca.logic_or(known, rounding))
         fine = ca.logic_or(state[2] < 1, rate < self.patience)
         bounded = size < 1e6  # false for NaN too
-        return ca.if_else(
-            done, CONVERGED, ca.if_else(ca.logic_and(fine, bounded), RUNNING, FAILED)
-        )
+        return ca.if_else(done, CONVERGED, ca.if_else(ca.logic_and(fine, bounded), RUNNING, FAILED))
 
     @property
     def _columns(self) -> int:

@@ -17,20 +17,20 @@ import numpy as np
 from softmpc.errors import InputError, errors_in
 from softmpc.model.model import Model, build
 from softmpc.model.scene_file import read_document, scene_from_dict
-from softmpc.simulation.following import Following
-from softmpc.simulation.idas import Idas
 from softmpc.simulation.inputs import InputProfile
 from softmpc.simulation.integrator import IntegrationError, Integrator
 from softmpc.simulation.interrupts import InterruptLater
+from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.result import Simulation, titles_of
 from softmpc.simulation.settings import STARTS, read_settings
 from softmpc.statics.equilibrium import find_equilibrium
 
-__all__ = ["integrator_for", "simulate", "simulate_file", "start_state"]
+__all__ = ["simulate", "simulate_file", "start_state"]
 
-CHUNK = 50  # samples of one call at most: between calls there is progress, and an end on Ctrl-C
+CHUNK = 200  # samples of one call at most: between calls there is progress, and an end on Ctrl-C
 MOST_SAMPLES = 5_000_000
 SHORTEST_STRETCH = -0.95  # ε; at -1 a segment has no length
+VAPOUR = -0.1e6  # Pa, gauge: below it water boils, whatever the equations say
 Progress = Callable[[float, float], None]
 
 
@@ -41,20 +41,26 @@ def simulate(
     *,
     sample_time: float = 0.01,
     start: str | np.ndarray = "rest",
-    tolerance: float = 1e-8,
+    method: str = "radau",
+    tip_tolerance: float | None = None,
+    tolerance: float | None = None,
+    step: float | None = None,
     progress: Progress | None = None,
     title: str = "",
 ) -> Simulation:
     """The motion from t = 0 to `duration` (s), with a sample every `sample_time` (s).
 
     `start` is "rest" (equilibrium under the inputs before t = 0), "straight", or a state x (nx).
+    `method` and its `tip_tolerance` (m), `tolerance` or `step` (s) are those of
+    `softmpc.simulation.methods`; by default Radau IIA within 0.01 mm at the tip a step.
     `progress(t, duration)` is called now and then. Raises `InputError` for wrong arguments,
     `BuildError` where the model cannot move, `IntegrationError` where there is no rest to start
     from. What fails later, or is interrupted, is told by the result's status.
     """
     profile.check(model)
     stamps = _stamps(duration, sample_time)
-    integrator = integrator_for(model, tolerance)
+    numbers = {"tip_tolerance": tip_tolerance, "tolerance": tolerance, "step": step}
+    integrator = integrator_for(model, method, **numbers)
     run = _Run(integrator, profile, start_state(model, profile, start))
     marks, pieces = _pieces(stamps, profile.breakpoints)
     began = time.perf_counter()
@@ -76,13 +82,7 @@ def simulate_file(
     with errors_in(path):
         model = build(scene_from_dict(document))
         wanted = vars(read_settings(document, model, path.parent)) | changes
-    del wanted["method"]  # there is one
     return simulate(model, progress=progress, title=document.get("title", path.stem), **wanted)
-
-
-def integrator_for(model: Model, tolerance: float = 1e-8) -> Integrator:
-    """The integrator a model needs: IDAS, or statics where it has neither mass nor damping."""
-    return Following(model) if model.order == 0 else Idas(model, tolerance)
 
 
 def start_state(
@@ -110,8 +110,7 @@ class _Run:
     def __init__(self, integrator: Integrator, profile: InputProfile, x: np.ndarray) -> None:
         self.integrator, self.profile = integrator, profile
         self.times, self.states = [0.0], [x]
-        names = integrator.model.layout.q.names
-        self._stretches = [i for i, name in enumerate(names) if name.startswith("epsilon")]
+        self._valid = _Validity(integrator.model)
 
     def through(
         self, marks: np.ndarray, pieces: list[tuple[int, int]], progress: Progress | None
@@ -145,9 +144,7 @@ class _Run:
         span, steps = marks[-1] - marks[0], len(marks) - 1
         states = self.integrator.advance(self.states[-1], u0, span, steps, u1)
         for t, x in zip(marks[1:], states, strict=True):
-            shortest = x[self._stretches].min(initial=0.0)
-            if shortest <= SHORTEST_STRETCH:
-                raise IntegrationError(f"a segment is squeezed to nothing (ε = {shortest:.3g})")
+            self._valid.check(x)
             self.times.append(t)
             self.states.append(x)
 
@@ -156,6 +153,31 @@ class _Run:
         times = np.array(self.times)
         wanted = np.isin(times, stamps)
         return times[wanted], np.stack(self.states)[wanted]
+
+
+class _Validity:
+    """Where the model ends: a segment without length, water that would boil."""
+
+    def __init__(self, model: Model) -> None:
+        names = model.layout.x.names
+        self._names = names
+        self._stretches = [i for i, name in enumerate(names) if name.startswith("epsilon")]
+        self._pressures = [i for i, name in enumerate(names) if name.startswith(("P_a", "P_c"))]
+        if any(effect.name == "cavitation" for effect in model.scene.effects):
+            self._pressures = []  # that effect is the model of what happens below
+
+    def check(self, x: np.ndarray) -> None:
+        """Raise `IntegrationError` for a state (nx) outside."""
+        shortest = x[self._stretches].min(initial=0.0)
+        if shortest <= SHORTEST_STRETCH:
+            raise IntegrationError(f"a segment is squeezed to nothing (ε = {shortest:.3g})")
+        lowest = x[self._pressures].min(initial=0.0)
+        if lowest < VAPOUR:
+            name = self._names[self._pressures[int(x[self._pressures].argmin())]]
+            raise IntegrationError(
+                f"{name} fell to {lowest / 1e6:.3f} MPa, below vapour pressure; add the effect "
+                "'cavitation'"
+            )
 
 
 def _stamps(duration: float, sample_time: float) -> np.ndarray:

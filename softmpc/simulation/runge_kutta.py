@@ -12,7 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.compiled import compiled
+try:
+    from softmpc.compiled import compiled
+except ImportError:
+    compiled = lambda f: f  # noqa
 from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.simulation.dense import cubic, quintic
@@ -72,7 +75,7 @@ class RungeKutta:
         if drive is None:
             z = self._drive_between(path, given.times)
         else:
-            z = drive.states(drive.law(given.z, given.u0, given.u_slope), given.times)
+            z = drive.states(self.system.law(given), given.times)
         states = np.hstack([arm[0], arm[1], z])
         if not np.all(np.isfinite(states)):
             raise IntegrationError(f"{self.tableau.name}: the motion is no longer finite")
@@ -99,12 +102,8 @@ class RungeKutta:
 
     def _begin(self, given: Interval) -> tuple[np.ndarray, np.ndarray]:
         """The first carry, and what the interval shares."""
-        system, drive = self.system, self.system.drive
-        if drive is None:
-            w, coefficients = given.u0, np.concatenate([given.u0, given.u_slope])
-        else:
-            law = drive.law(given.z, given.u0, given.u_slope)
-            w, coefficients = drive.pressures(given.z, given.u0), drive.pressure_coefficients(law)
+        system = self.system
+        w, coefficients = system.input_law(given)
         z = given.z[: system.k]
         y = system.start(given.q, given.dq, z, w)
         dq = given.dq if system.order == 2 else y[: system.n]
@@ -132,7 +131,9 @@ class RungeKutta:
         if stuck:
             raise IntegrationError(f"{self.tableau.name}: no step can be found, not even {h:.1e} s")
         if tried >= MOST_TRIALS:
-            raise IntegrationError(f"{self.tableau.name}: {tried} steps are not enough, reached {t:.3g} s")
+            raise IntegrationError(
+                f"{self.tableau.name}: {tried} steps are not enough, reached {t:.3g} s"
+            )
 
     def _count(self, parts: dict[str, np.ndarray], steps: int) -> None:
         self.steps += steps
@@ -158,10 +159,14 @@ class RungeKutta:
 
 
 class RadauIIA(RungeKutta):
-    """Radau IIA, L-stable, order 2s - 1: steps by a tolerance (m, at the tip), or a given step (s)."""
+    """Radau IIA, L-stable, order 2s - 1; steps by a tolerance (m, at the tip), or given (s)."""
 
     def __init__(
-        self, model: Model, tolerance: float | None = 1e-5, stages: int = 3, step: float | None = None
+        self,
+        model: Model,
+        tolerance: float | None = 1e-5,
+        stages: int = 3,
+        step: float | None = None,
     ) -> None:
         super().__init__(model, radau_iia(stages), tolerance, step)
 

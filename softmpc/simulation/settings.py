@@ -3,8 +3,10 @@
     duration = 3.0            # s
     sample_time = 0.01        # s, of the results
     start = "rest"            # at rest under the input before t = 0, or "straight"
-    method = "idas"
-    tolerance = 1e-8
+    method = "radau"          # or radau-2, gauss, gauss-2, idas, cvodes
+    tip_tolerance = 1e-5      # m, error of a step at the tip (radau)
+    step = 0.005              # s, instead: a step that is kept (radau, gauss)
+    tolerance = 1e-8          # of the scaled states (idas, cvodes)
     steps = [{unit = 1, at = 0.0, torque = 1.5}]              # N·m, held afterwards
     ramps = [{unit = 5, from = 2.0, to = 3.0, slope = 1.5}]   # N·m/s, held afterwards
     table = "torques.csv"     # instead of steps and ramps: columns t, T_1, T_2, …
@@ -26,11 +28,11 @@ from softmpc.model.model import Model
 from softmpc.model.tables import Table
 from softmpc.simulation.columns import read_columns
 from softmpc.simulation.inputs import InputProfile, Ramp, Step
+from softmpc.simulation.methods import METHODS, Method
 
-__all__ = ["METHODS", "STARTS", "SimulationSettings", "read_profile_table", "read_settings"]
+__all__ = ["STARTS", "SimulationSettings", "read_profile_table", "read_settings"]
 
 STARTS = ("rest", "straight")
-METHODS = ("idas",)
 MPA = 1e6
 
 
@@ -42,8 +44,10 @@ class SimulationSettings:
     duration: float
     sample_time: float = 0.01
     start: str = "rest"
-    method: str = "idas"
-    tolerance: float = 1e-8
+    method: str = "radau"
+    tip_tolerance: float | None = None
+    tolerance: float | None = None
+    step: float | None = None
 
 
 def read_settings(document: dict[str, Any], model: Model, folder: Path) -> SimulationSettings:
@@ -58,11 +62,26 @@ def read_settings(document: dict[str, Any], model: Model, folder: Path) -> Simul
         duration=duration,
         sample_time=table.number("sample_time", 0.01, unit="s", low=1e-6, high=duration),
         start=table.string("start", "rest", STARTS),
-        method=table.string("method", "idas", METHODS),
-        tolerance=table.number("tolerance", 1e-8, low=1e-12, high=1e-2),
+        **_read_method(table),
     )
     table.finish()
     return settings
+
+
+def _read_method(table: Table) -> dict[str, Any]:
+    """The method and its numbers, checked against each other."""
+    ranges: dict[str, dict[str, Any]] = {
+        "tip_tolerance": {"unit": "m", "low": 1e-12, "high": 0.1},
+        "tolerance": {"low": 1e-12, "high": 1e-2},
+        "step": {"unit": "s", "low": 1e-6, "high": 1.0},
+    }
+    given: dict[str, Any] = {
+        key: table.number(key, **allowed) for key, allowed in ranges.items() if key in table
+    }
+    name = table.string("method", "radau", METHODS)
+    with errors_in(table.where):
+        Method(name, **given)
+    return {"method": name, **given}
 
 
 def _read_profile(table: Table, model: Model, folder: Path) -> InputProfile:

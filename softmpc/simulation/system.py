@@ -23,7 +23,8 @@ import numpy as np
 
 from softmpc.errors import BuildError
 from softmpc.model.model import Model
-from softmpc.simulation.drive_motion import DriveMotion
+from softmpc.simulation.drive_motion import DriveLaw, DriveMotion
+from softmpc.simulation.integrator import Interval
 
 __all__ = ["System", "require_damping"]
 
@@ -59,9 +60,37 @@ class System:
 
     @property
     def inputs(self) -> int:
-        """Length of w: unit pressures (closed form), or the drive's inputs (solved with the arm)."""
+        """Length of w: pressures of the closed form, or inputs of a drive solved with the arm."""
         layout = self.model.layout
         return len(layout.u) if self.joint else len(layout.p)
+
+    # --- the input over an interval --------------------------------------------------------------
+
+    @property
+    def coefficients(self) -> int:
+        """How many numbers say how w changes over an interval."""
+        return 2 * self.inputs if self.drive is None else self.drive.coefficients
+
+    def input(self, coefficients: Any, t: Any) -> Any:
+        """w at a time from the start of the interval: linear, or the drive's closed form; MX."""
+        if self.drive is not None:
+            return self.drive.pressure(coefficients, t)
+        return coefficients[: self.inputs] + t * coefficients[self.inputs :]
+
+    def law(self, given: Interval) -> DriveLaw:
+        """The drive's motion over an interval, where closed form holds."""
+        if self.drive is None:
+            raise BuildError("this drive is solved with the arm and has no closed form")
+        return self.drive.law(given.z, given.u0, given.u_slope)
+
+    def input_law(self, given: Interval) -> tuple[np.ndarray, np.ndarray]:
+        """w at the start of an interval, and the coefficients of `input`."""
+        if self.drive is None:
+            return given.u0, np.concatenate([given.u0, given.u_slope])
+        w = self.drive.pressures(given.z, given.u0)
+        return w, self.drive.pressure_coefficients(self.law(given))
+
+    # --- rows and their derivatives ---------------------------------------------------------------
 
     @cached_property
     def levers(self) -> np.ndarray:
@@ -75,7 +104,9 @@ class System:
         rests = np.repeat(rests, scene.segments)
         beyond = np.cumsum(rests[::-1])[::-1]
         kinds = [1.0 if name == "epsilon" else 0.0 for name in scene.strains]
-        strains = [rest * (kind or far) for rest, far in zip(rests, beyond, strict=True) for kind in kinds]
+        strains = [
+            rest * (kind or far) for rest, far in zip(rests, beyond, strict=True) for kind in kinds
+        ]
         drive = scene.manipulator.length / self.model.layout.z.scale[: self.k]
         return np.concatenate([strains, drive])
 

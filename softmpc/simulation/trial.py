@@ -72,20 +72,7 @@ class Trials:
     @property
     def given_size(self) -> int:
         """Length of `given`: end (s), tolerance (m), and coefficients of the input over time."""
-        return 2 + self._coefficients
-
-    @property
-    def _coefficients(self) -> int:
-        drive = self.system.drive
-        return 2 * self.system.inputs if drive is None else drive.coefficients
-
-    def input(self, given: Any, t: Any) -> Any:
-        """w at a time: linear in time, or the drive's closed form."""
-        coefficients, drive = given[2:], self.system.drive
-        if drive is not None:
-            return drive.pressure(coefficients, t)
-        k = self.system.inputs
-        return coefficients[:k] + t * coefficients[k:]
+        return 2 + self.system.coefficients
 
     def many(self, count: int) -> ca.Function:
         """(carry, given) -> the carry after each of `count` trials (size×count)."""
@@ -112,10 +99,10 @@ class Trials:
         h, last = self._length(now, given)
         start = Start(now["q"], now["dq"], now["z"], h)
         blocks = self.system.blocks(
-            start.q, start.dq, start.z, now["y"], self.input(given, now["t"])
+            start.q, start.dq, start.z, now["y"], self.system.input(given[2:], now["t"])
         )
         inverses = self.stages.inverses(list(blocks), h)
-        w = ca.horzcat(*(self.input(given, now["t"] + c * h) for c in self.tableau.c))
+        w = ca.horzcat(*(self.system.input(given[2:], now["t"] + c * h) for c in self.tableau.c))
         wanted = NEWTON * given[1]
         y, solved, used = self.stages.newton(start, self._predicted(now, h), w, inverses, wanted)
         error = ca.MX(0.0)
@@ -168,7 +155,12 @@ class Trials:
         before = ca.reshape(now["stages"], self.system.size, s)
         ahead = 1 + (h / now["h_before"]) * ca.DM(c)
         weights = [
-            ca.vertcat(*(_product((ahead[i] - c[k]) / (c[j] - c[k]) for k in range(s) if k != j) for j in range(s)))
+            ca.vertcat(
+                *(
+                    _product((ahead[i] - c[k]) / (c[j] - c[k]) for k in range(s) if k != j)
+                    for j in range(s)
+                )
+            )
             for i in range(s)
         ]
         return before @ ca.horzcat(*weights)
@@ -176,7 +168,9 @@ class Trials:
     def _error(self, y0: Any, y: Any, by_y: Any, inverses: list[Any], h: Any) -> Any:
         """Estimate (m, at the tip) of the error of this step."""
         gamma, weights = self.tableau.embedded
-        scaled = ca.horzcat(y0, y) / ca.repmat(ca.DM(self.system.y_scale), 1, 1 + self.tableau.stages)
+        scaled = ca.horzcat(y0, y) / ca.repmat(
+            ca.DM(self.system.y_scale), 1, 1 + self.tableau.stages
+        )
         raw = scaled @ ca.DM([gamma, *weights])
         # What stiff modes would do with it in a step: the Newton matrix takes them out.
         filtered = self.stages.solve(inverses, ca.repmat(by_y @ raw, 1, self.tableau.stages))[:, -1]
