@@ -19,8 +19,8 @@ from softmpc.simulation.drive_motion import DriveMotion
 from softmpc.simulation.hermite import Hermite
 from softmpc.simulation.inputs import InputProfile
 from softmpc.simulation.many import matrices, solve, values
+from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.result import Simulation
-from softmpc.simulation.run import integrator_for
 
 __all__ = ["MotionBetween"]
 

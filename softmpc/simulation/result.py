@@ -1,28 +1,25 @@
-"""What a simulation returns, and its files."""
+"""What a simulation returns: a motion whose numbers have names, and its files."""
 
 from __future__ import annotations
 
-import json
 import os
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softmpc.errors import InputError
-from softmpc.files import replacing
+from softmpc.errors import InputError, unknown_name
 from softmpc.model.layout import Variables
 from softmpc.model.model import Model
-from softmpc.simulation.columns import write_columns
+from softmpc.simulation.columns import name_of, write_columns
 from softmpc.simulation.inputs import InputProfile
+from softmpc.simulation.result_files import read_csv, read_npz, write_npz
+from softmpc.simulation.settling import overshoot, settling_time
 
-__all__ = ["SCHEMA_VERSION", "Simulation", "titles_of"]
+__all__ = ["Simulation", "titles_of"]
 
-SCHEMA_VERSION = 1
 STATES = ("q", "dq", "z", "u", "p")
-ARRAYS = ("time", *STATES, "tips", "tip_speeds")
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +27,7 @@ class Simulation:
     """A motion at K times, SI. `status` is "finished", "interrupted" or "stopped: …".
 
     What was reached is kept whatever the status. `titles` are the column names of q, dq, z, u, p,
-    with units.
+    with units. `motion["kappa_y_1_1"]` is one column; `units` has the names and units of all.
     """
 
     title: str
@@ -58,6 +55,18 @@ class Simulation:
         return np.hstack([self.q, self.dq, self.z])
 
     @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column by name: `{"t": "s", "x_1": "m", "kappa_y_1_1": "1/m", …}`."""
+        return {name_of(title): title[len(name_of(title)) :].strip(" []") for title in self.columns()}
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The column (K) of that name; raises `InputError` with the nearest one."""
+        columns = {name_of(title): column for title, column in self.columns().items()}
+        if name not in columns:
+            raise InputError(unknown_name("column", name, columns))
+        return columns[name]
+
+    @property
     def duration_s(self) -> float:
         """Time reached."""
         return float(self.time[-1])
@@ -81,6 +90,8 @@ class Simulation:
             "realtime_factor": self.realtime_factor,
             "final_tips_m": self.final_tips.tolist(),
         }
+        if len(self.tips):
+            summary |= {"settling_s": settling_time(self), "overshoot": overshoot(self)}
         if self.energies:
             summary["final_energy_j"] = {k: float(v[-1]) for k, v in self.energies.items()}
         return summary
@@ -101,34 +112,17 @@ class Simulation:
         """Write simulation.csv and simulation.npz there; a crash leaves the last good ones."""
         folder = Path(directory)
         write_columns(folder / "simulation.csv", self.columns())
-        with replacing(folder / "simulation.npz") as beside, open(beside, "wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **self._content())
+        write_npz(folder / "simulation.npz", vars(self))
         return folder / "simulation.csv", folder / "simulation.npz"
-
-    def _content(self) -> dict[str, Any]:
-        about = {"schema": SCHEMA_VERSION, "title": self.title, "status": self.status}
-        about |= {"wall_s": self.wall_s, "titles": self.titles}
-        arrays = {name: getattr(self, name) for name in ARRAYS}
-        arrays |= {f"energy_{name}": e for name, e in self.energies.items()}
-        return {"about": json.dumps(about), **arrays}
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Simulation:
-        """Read a simulation.npz; raises `InputError` for a file that is none."""
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                content = dict(file)
-            about = json.loads(str(content.pop("about")))
-            arrays = {name: content.pop(name) for name in ARRAYS}
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such file") from None
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: is not a saved simulation: {error}") from None
-        if about.pop("schema", None) != SCHEMA_VERSION:
-            raise InputError(f"{path}: is of another version; {SCHEMA_VERSION} is known here")
-        titles = {name: tuple(titles) for name, titles in about.pop("titles").items()}
-        energies = {name.removeprefix("energy_"): e for name, e in content.items()}
-        return cls(**about, **arrays, energies=energies, titles=titles)
+        """Read a simulation.npz, or a simulation.csv, which knows less.
+
+        A CSV file has every number of the motion, but no title, no status ("unknown"), no time
+        the integration took (nan) and no `profile`. Raises `InputError` for a file that is none.
+        """
+        return cls(**(read_csv if Path(path).suffix == ".csv" else read_npz)(Path(path)))
 
 
 def titles_of(model: Model) -> dict[str, tuple[str, ...]]:

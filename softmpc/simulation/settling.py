@@ -11,7 +11,6 @@ from softmpc.simulation.inputs import InputProfile
 __all__ = ["last_move", "overshoot", "settling_time"]
 
 BAND = 0.02  # of the travel
-STILL = 0.1  # share of the time after the last move in which the tip must have stayed in the band
 SMALLEST = 1e-6  # m; less travel than this is no motion
 
 
@@ -19,30 +18,30 @@ def settling_time(motion: Any, band: float = BAND) -> float:
     """Time (s) from the end of the last move of the inputs until the arm's tip stays near its end.
 
     Near means within `band` of its travel, the largest distance from its end since the move began.
-    `motion` is a `Simulation`. Returns nan where the tip has not travelled or was not seen to
-    settle: it was still outside the band in the last tenth of the time after the move.
+    `motion` is a `Simulation`. Returns nan where the tip has not travelled, or did not stay there
+    for as long as it took to come there: then nobody knows whether that was its end.
     """
-    time, away, over = _since(motion)
+    since, over = _last_move(motion)
+    time, tip = _from(motion, since)
+    away = np.linalg.norm(tip - tip[-1:], axis=1)
     if len(time) < 2 or away.max() < SMALLEST:
         return float("nan")
-    last = int(np.flatnonzero(away > band * away.max())[-1])
-    settled = float(time[min(last + 1, len(time) - 1)])
-    return max(settled - over, 0.0) if settled <= time[-1] - STILL * (time[-1] - over) else np.nan
+    settled = float(time[np.flatnonzero(away > band * away.max())[-1] + 1])
+    taken = max(settled - over, 0.0)
+    return taken if time[-1] - settled >= taken else float("nan")
 
 
 def overshoot(motion: Any) -> float:
     """How far the tip swings beyond its end, over its way there since the last move began.
 
     Measured along the straight line from start to end; 0 where it never goes beyond, nan where it
-    has not travelled.
+    has not settled.
     """
-    start, _ = _last_move(motion)
-    tip = motion.tips[motion.time >= start - 1e-9, -1]
-    way = tip[-1] - tip[0] if len(tip) else np.zeros(3)
-    travel = float(np.linalg.norm(way))
-    if travel < SMALLEST:
+    if np.isnan(settling_time(motion)):
         return float("nan")
-    return max(0.0, float(((tip - tip[-1]) @ way).max()) / travel**2)
+    _, tip = _from(motion, _last_move(motion)[0])
+    way = tip[-1] - tip[0]
+    return max(0.0, float(((tip - tip[-1]) @ way).max() / max(way @ way, SMALLEST**2)))
 
 
 def last_move(profile: InputProfile) -> tuple[float, float]:
@@ -62,16 +61,13 @@ def last_move(profile: InputProfile) -> tuple[float, float]:
 
 
 def _last_move(motion: Any) -> tuple[float, float]:
-    profile = getattr(motion, "profile", None)
+    """Start and end of the last move, none of it before the motion."""
     first = float(motion.time[0])
-    start, end = (first, first) if profile is None else last_move(profile)
+    start, end = last_move(motion.profile) if motion.profile else (first, first)
     return max(start, first), max(end, first)
 
 
-def _since(motion: Any) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times since the last move began, how far the tip then is from its end, and the move's end."""
-    start, over = _last_move(motion)
+def _from(motion: Any, start: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times from `start` on, and the arm's tip there (K×3, m)."""
     kept = motion.time >= start - 1e-9
-    tip = motion.tips[kept, -1]
-    away = np.linalg.norm(tip - tip[-1], axis=1) if len(tip) else np.zeros(0)
-    return motion.time[kept], away, over
+    return motion.time[kept], motion.tips[kept, -1]
