@@ -7,21 +7,16 @@ nobody asks for never enter a CasADi function, so they cost nothing.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 
-from softmpc.model.effects import (
-    BodyLaw,
-    Coriolis,
-    Effect,
-    Gravity,
-    Inertia,
-    TipLoad,
-    body_law,
-)
+from softmpc.model.bodies import Bodies, BodyLaw, bodies_of
+from softmpc.model.effect import Effect, Site
+from softmpc.model.effects import Coriolis, Gravity, Inertia, TipLoad
 from softmpc.model.jets import Jet, dot
 from softmpc.model.kinematics import Arc
 from softmpc.model.stumpff import slopes, stumpff, stumpff_jets
@@ -63,7 +58,7 @@ class Segment:
     section: Section
     rest: float  # rest length, m
     states: dict[int, int]  # strain 0…3 -> index in q
-    bodies: tuple[tuple[float, BodyLaw], ...]  # place 0…1 and coefficients
+    bodies: Bodies
     viscosity: tuple[float, ...] | None
 
     def strains(self, column: ca.SX) -> ca.SX:
@@ -181,6 +176,9 @@ class Link:
     load_moment: ca.SX
     points: tuple[Point, ...]  # one a body
     tip: Point
+    place: ca.SX  # of the local frame, in the base frame
+    rotation: ca.SX  # takes local components to those of the base frame
+    head: Any  # gravity times that place, m²/s²
 
 
 class Chain:
@@ -202,13 +200,32 @@ class Chain:
     def damping(self) -> Chain:
         """The same segments with drag and viscosity alone: no mass, no weight, no load."""
         others = (Gravity, Inertia, Coriolis, TipLoad)
-        chain = Chain(self.scene, tuple(e for e in self.effects if not isinstance(e, others)))
-        for i, segment in enumerate(chain.segments):
-            bodies = tuple(
-                (place, BodyLaw(drag=law.drag, spin_drag=law.spin_drag))
-                for place, law in segment.bodies
-            )
-            chain.segments[i] = replace(segment, bodies=bodies)
+        effects = tuple(e for e in self.effects if not isinstance(e, others))
+        return self._with(effects, _drags)
+
+    def linear(self) -> Chain:
+        """The same segments without the forces that have no constant coefficient."""
+        return self._with(self.effects, lambda law: replace(law, laws=()))
+
+    def beyond(self) -> Chain | None:
+        """The same segments with nothing but what `linear` leaves out; None where that is none."""
+        if not any(law.laws for segment in self.segments for _, law in segment.bodies):
+            return None
+        effects = tuple(e for e in self.effects if not isinstance(e, TipLoad))
+        chain = self._with(effects, lambda law: BodyLaw(laws=law.laws))
+        chain.segments = [replace(segment, viscosity=None) for segment in chain.segments]
+        return chain
+
+    def conservative(self) -> Chain:
+        """The same segments without the forces that take energy out of bodies."""
+        return self._with(self.effects, _stores)
+
+    def _with(self, effects: tuple[Effect, ...], change: Callable[[BodyLaw], BodyLaw]) -> Chain:
+        chain = Chain(self.scene, effects)
+        chain.segments = [
+            replace(segment, bodies=tuple((at, change(law)) for at, law in segment.bodies))
+            for segment in self.segments
+        ]
         return chain
 
     def forward(self, state: State, highest: int | None = None) -> list[Link]:
@@ -218,33 +235,30 @@ class Chain:
         gravity = ca.SX(ca.DM(self.gravity.vector)) if self.gravity else zero
         force = ca.SX(ca.DM(self.load.force)) if self.load else zero
         moment = ca.SX(ca.DM(self.load.moment)) if self.load else zero
+        place, rotation, head = zero, ca.SX.eye(3), ca.SX(0)
         links = []
         for segment in self.segments:
-            link = self._link(segment, state, motion, gravity, force, moment, highest)
-            links.append(link)
-            back = link.tip.rotation.T
-            velocity, acceleration = motion.at(link.tip.p)
-            spin, spin_rate = motion.turned(link.tip.turn)
+            tip, points = self._points(segment, state, highest)
+            world = (place, rotation, head)
+            links.append(Link(segment, motion, gravity, force, moment, points, tip, *world))
+            local, back = tip.p.terms[0], tip.rotation.T
+            place, head = place + rotation @ local, head + ca.dot(gravity, local)
+            rotation = rotation @ tip.rotation
+            velocity, acceleration = motion.at(tip.p)
+            spin, spin_rate = motion.turned(tip.turn)
             motion = Motion(*(back @ x for x in (spin, spin_rate, velocity, acceleration)))
             gravity, force, moment = (back @ x for x in (gravity, force, moment))
         return links
 
-    def _link(
-        self,
-        segment: Segment,
-        state: State,
-        motion: Motion,
-        gravity: ca.SX,
-        force: ca.SX,
-        moment: ca.SX,
-        highest: int | None,
-    ) -> Link:
+    def _points(
+        self, segment: Segment, state: State, highest: int | None
+    ) -> tuple[Point, tuple[Point, ...]]:
+        """The tip of a segment, and the points where its bodies are."""
         tip = self.point(segment, state, 1.0, highest)
-        points = tuple(
+        return tip, tuple(
             tip if place == 1.0 else self.point(segment, state, place, highest)
             for place, _ in segment.bodies
         )
-        return Link(segment, motion, gravity, force, moment, points, tip)
 
     def point(
         self, segment: Segment, state: State, place: float, highest: int | None = None
@@ -255,21 +269,33 @@ class Chain:
         return Point(self.scene.kinematics, segment.rest * place, strains, highest)
 
 
+def _drags(law: BodyLaw) -> BodyLaw:
+    kept = tuple(force for force in law.laws if force.dissipates)
+    return BodyLaw(drag=law.drag, spin_drag=law.spin_drag, laws=kept)
+
+
+def _stores(law: BodyLaw) -> BodyLaw:
+    kept = tuple(force for force in law.laws if not force.dissipates)
+    return replace(law, drag=None, spin_drag=None, laws=kept)
+
+
 def _segments(scene: Scene, effects: tuple[Effect, ...]) -> list[Segment]:
     kinds = [STRAINS.index(name) for name in scene.strains]
-    quadrature = scene.formulation.mass.quadrature()
+    quadrature = [
+        (place, share / scene.segments) for place, share in scene.formulation.mass.quadrature()
+    ]
+    names = frozenset(effect.name for effect in effects)
+    sections = scene.manipulator.sections
+    count = len(sections) * scene.segments
     segments: list[Segment] = []
-    for s, section in enumerate(scene.manipulator.sections):
-        rest = section.length / scene.segments
-        bodies = tuple(
-            (place, body_law(effects, section, share / scene.segments))
-            for place, share in quadrature
-        )
-        viscosity = _viscosity(effects, section, rest)
-        for _ in range(scene.segments):
-            i = len(segments)
-            states = {kind: i * len(kinds) + j for j, kind in enumerate(kinds)}
-            segments.append(Segment(i, s, section, rest, states, bodies, viscosity))
+    for i in range(count):
+        section = sections[i // scene.segments]
+        site = Site(section, section.length / scene.segments, i == count - 1, names)
+        states = {kind: i * len(kinds) + j for j, kind in enumerate(kinds)}
+        bodies = bodies_of(effects, site, quadrature)
+        viscosity = _viscosity(effects, section, site.rest)
+        s = i // scene.segments
+        segments.append(Segment(i, s, section, site.rest, states, bodies, viscosity))
     return segments
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import casadi as ca
 
+from softmpc.model.bodies import BodyLaw
 from softmpc.model.chain import Link, Point, padded
-from softmpc.model.effects import BodyLaw
 from softmpc.model.jets import Jet
 from softmpc.model.virtual_power import body_wrench
 

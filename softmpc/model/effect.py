@@ -9,14 +9,27 @@ is listed in `EFFECTS` of softmpc/model/effects.py.
 from __future__ import annotations
 
 from abc import ABC
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from softmpc.model.quantities import check_quantities
 
 if TYPE_CHECKING:
+    from softmpc.model.bodies import Bodies
+    from softmpc.model.force_laws import ForceLaw
     from softmpc.model.parameters import Section
 
-__all__ = ["Effect"]
+__all__ = ["Effect", "Site"]
+
+
+@dataclass(frozen=True)
+class Site:
+    """The segment that an effect acts on."""
+
+    section: Section
+    rest: float  # its rest length, m
+    last: bool  # whether the arm ends with it
+    names: frozenset[str]  # of all effects of the scene
 
 
 class Effect(ABC):
@@ -34,6 +47,14 @@ class Effect(ABC):
     def on_body(self, section: Section, share: float) -> dict[str, float]:
         """Coefficients of `BodyLaw` for a body with that share of the section's mass."""
         return {}
+
+    def laws(self, site: Site, share: float) -> tuple[ForceLaw, ...]:
+        """Other forces on a body with that share of the section's mass."""
+        return ()
+
+    def own_bodies(self, site: Site) -> Bodies:
+        """Bodies at places of its own: (place 0…1 along the segment, `BodyLaw`)."""
+        return ()
 
     def on_strains(self, section: Section, rest: float) -> tuple[float, ...] | None:
         """Viscous coefficients of (ε, kx, ky, kz) of a segment of rest length `rest`."""

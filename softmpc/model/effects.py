@@ -2,7 +2,8 @@
 
 An effect is a small frozen object. It does no mechanics itself: it says which coefficients of the
 laws below it brings, and the formulations and their derivatives read them. A coefficient nobody
-brings is None, and then no instruction is generated for it.
+brings is None, and then no instruction is generated for it. Forces with other laws are `ForceLaw`
+objects (softmpc/model/force_laws.py).
 
     on a body (a point of mass):  F = mass a + drag v - heavy g,
                                   M = disc (dω/dt + (ω×t)(t·ω) + t (t·dω/dt)) + spin_drag ω
@@ -11,9 +12,6 @@ brings is None, and then no instruction is generated for it.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from softmpc.model.drive_effects import DRIVE_EFFECTS
 from softmpc.model.effect import Effect
@@ -27,12 +25,8 @@ from softmpc.model.paper_effects import (
     TipLoad,
 )
 
-if TYPE_CHECKING:
-    from softmpc.model.parameters import Section
-
 __all__ = [
     "EFFECTS",
-    "BodyLaw",
     "Coriolis",
     "Effect",
     "EnvironmentDamping",
@@ -41,7 +35,6 @@ __all__ = [
     "MaterialDamping",
     "RotaryInertia",
     "TipLoad",
-    "body_law",
 ]
 
 # All effects that scene files know, in the order in which scenes keep them: the paper's first.
@@ -55,28 +48,3 @@ EFFECTS: tuple[type[Effect], ...] = (
     TipLoad,
     *DRIVE_EFFECTS,
 )
-
-
-@dataclass(frozen=True)
-class BodyLaw:
-    """Coefficients of the forces on one body; None where no effect brings one."""
-
-    mass: float | None = None  # kg, inertia
-    heavy: float | None = None  # kg, weight
-    drag: float | None = None  # N·s/m
-    disc: float | None = None  # kg·m², moment of inertia about a diameter of the thin disc
-    spin_drag: float | None = None  # N·m·s/rad
-
-    @property
-    def turns(self) -> bool:
-        """Whether the body's rotation matters."""
-        return self.disc is not None or self.spin_drag is not None
-
-
-def body_law(effects: tuple[Effect, ...], section: Section, share: float) -> BodyLaw:
-    """The coefficients that the scene's effects bring to a body, added up."""
-    brought: dict[str, float] = {}
-    for effect in effects:
-        for name, value in effect.on_body(section, share).items():
-            brought[name] = brought.get(name, 0.0) + value
-    return BodyLaw(**{k: v for k, v in brought.items() if v != 0.0})

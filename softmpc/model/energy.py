@@ -6,9 +6,10 @@ from typing import Any
 
 import casadi as ca
 
+from softmpc.model.bodies import BodyLaw
 from softmpc.model.chain import Chain, Link, State
 from softmpc.model.drive import chamber_volumes
-from softmpc.model.effects import BodyLaw
+from softmpc.model.force_laws import Body
 from softmpc.model.places import Poses
 
 __all__ = ["energies", "powers"]
@@ -23,6 +24,9 @@ def energies(chain: Chain, poses: Poses) -> dict[str, Any]:
             _add(terms, "kinetic", _kinetic(link, point, law))
             if law.heavy is not None and chain.gravity is not None:
                 _add(terms, "gravity", -law.heavy * ca.dot(ca.DM(chain.gravity.vector), where))
+            for other in law.laws:
+                for name, energy in other.energies(Body(link, point)).items():
+                    _add(terms, name, energy)
         _add(terms, "elastic", _elastic(chain, link))
     if chain.load is not None and not any(chain.load.moment):
         # A dead moment has no potential: the work it does depends on the way.
@@ -68,6 +72,9 @@ def powers(chain: Chain, poses: Poses, state: State, pressures: list[Any]) -> di
             _add(terms, "material_damping", -lost)
         for point, (_, law) in zip(link.points, segment.bodies, strict=True):
             _add(terms, "environment_damping", _drag(link, point, law))
+            for other in law.laws:
+                for name, power in other.powers(Body(link, point)).items():
+                    _add(terms, name, power)
     if chain.load is not None and any(chain.load.moment):
         link = poses[-2][2]
         spin, _ = link.motion.turned(link.tip.turn)

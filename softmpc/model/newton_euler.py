@@ -13,9 +13,9 @@ from typing import Any
 
 import casadi as ca
 
+from softmpc.model.bodies import BodyLaw
 from softmpc.model.chain import Chain, Link, State
 from softmpc.model.drive import driving_force, driving_moment
-from softmpc.model.effects import BodyLaw
 from softmpc.model.formulations import FullNewtonEuler
 
 __all__ = ["Balance", "equations"]

@@ -10,9 +10,10 @@ from typing import Any
 
 import casadi as ca
 
+from softmpc.model.bodies import BodyLaw
 from softmpc.model.chain import Chain, Link, Point, State
 from softmpc.model.drive import driving_force, driving_moment
-from softmpc.model.effects import BodyLaw
+from softmpc.model.force_laws import Body
 
 __all__ = [
     "body_wrench",
@@ -28,6 +29,14 @@ Wrench = tuple[Any, Any | None]
 
 def body_wrench(link: Link, point: Point, law: BodyLaw) -> Wrench:
     """Force and moment that a body needs (inertia, drag) less what it gets (weight), local."""
+    wrench = _constant_wrench(link, point, law)
+    for other in law.laws:
+        wrench = _sum(wrench, other.wrench(Body(link, point)))
+    return wrench
+
+
+def _constant_wrench(link: Link, point: Point, law: BodyLaw) -> Wrench:
+    """The part of it that has constant coefficients."""
     velocity, acceleration = link.motion.at(point.p)
     force: Any = ca.SX.zeros(3)
     if law.mass is not None and law.mass == law.heavy:
@@ -124,6 +133,19 @@ def strain_forces(chain: Chain, link: Link, state: State) -> ca.SX | None:
     return ca.vertcat(*(viscosity[k] * rates[k] for k in link.segment.kinds))
 
 
+def _stretch_force(link: Link) -> Any | None:
+    """What laws of the bodies do on ε beside their wrenches, where it is a state."""
+    if 0 not in link.segment.states:
+        return None
+    found = [
+        law.on_stretch(Body(link, point))
+        for point, (_, on_body) in zip(link.points, link.segment.bodies, strict=True)
+        for law in on_body.laws
+    ]
+    present = [force for force in found if force is not None]
+    return sum(present[1:], present[0]) if present else None
+
+
 def residual(
     chain: Chain,
     links: list[Link],
@@ -138,6 +160,8 @@ def residual(
         own = pressures[link.segment.section_index]
         tension, moment = resultants(chain, link, own, elastic)
         row = to_strains(link, on_l + tension, on_w + moment)
-        viscous = strain_forces(chain, link, state)
+        viscous, stretching = strain_forces(chain, link, state), _stretch_force(link)
+        if stretching is not None:
+            row[0] += stretching  # ε comes first
         rows.append(row if viscous is None else row + viscous)
     return ca.vertcat(*rows)
