@@ -17,11 +17,11 @@ import numpy as np
 
 from softmpc.model import energy, newton_euler, places, virtual_power
 from softmpc.model.chain import Chain, State
-from softmpc.model.derivatives import Blocks, can_differentiate, differentiate
 from softmpc.model.drive_functions import DriveFunctions, sparse_times
 from softmpc.model.effects import Effect, TipLoad
 from softmpc.model.formulations import NewtonEuler
 from softmpc.model.hydraulics import DriveMatrices
+from softmpc.model.jacobians import Jacobians, residual_of
 from softmpc.model.layout import Layout
 from softmpc.model.report import COUNTED, describe, massless_strains, require_mass
 from softmpc.model.scene import Scene
@@ -107,22 +107,11 @@ class Model(DriveFunctions):
                 return r
             rates = ca.vertcat(self._state.dq, self._state.ddq)
             return ca.substitute(r, rates, ca.SX.zeros(2 * self.strains))
-        if state.ddq is None or can_differentiate(self.chain):
-            links = self.chain.forward(state)
-            return virtual_power.residual(self.chain, links, state, self._pressures)
-        # Without Coriolis terms: accelerations as in a start from rest, drag at the rates.
-        links = self.chain.forward(self._start, highest=7)
-        drags = self._damping.forward(State(state.q, state.dq), highest=7)
-        return virtual_power.residual(self.chain, links, state, self._pressures, drags=drags)
+        return residual_of(self.chain, state, self._pressures)
 
-    @cached_property
-    def _start(self) -> State:
-        """The state with accelerations but no rates."""
-        return State(self._state.q, ca.SX.zeros(self.strains), self._state.ddq)
-
-    @cached_property
-    def _damping(self) -> Chain:
-        return self.chain.damping()
+    @property
+    def _jacobians(self) -> Jacobians:
+        return Jacobians(self.chain, self._state, self._pressures)
 
     @cached_property
     def residual(self) -> ca.Function:
@@ -136,14 +125,8 @@ class Model(DriveFunctions):
         s = self._state
         if self._printed:
             blocks = [ca.sparsify(ca.jacobian(r, x)) for x in (s.q, s.dq, s.ddq)]
-        elif can_differentiate(self.chain):
-            b = differentiate(self.chain, s, self._pressures)
-            blocks = [b.by_q, b.by_dq, b.by_ddq]
         else:
-            b = differentiate(self.chain, self._start, self._pressures)
-            none = [None] * len(self._pressures)
-            d = differentiate(self._damping, State(s.q, s.dq), none, elastic=False)
-            blocks = [b.by_q + d.by_q, d.by_dq, b.by_ddq]
+            blocks = self._jacobians.by_motion()
         blocks.append(ca.jacobian(r, self._p))
         names = ("by_q", "by_dq", "by_ddq", "by_p")
         return self._function(
@@ -161,17 +144,14 @@ class Model(DriveFunctions):
     @cached_property
     def M(self) -> ca.Function:
         """Inertia matrix M(q) (n×n); empty of nonzeros without inertia."""
-        if self._printed:
-            matrix = self._balance.M
-        else:
-            matrix = differentiate(self.chain, self._rest, self._pressures, by_q=False).by_ddq
+        matrix = self._balance.M if self._printed else self._jacobians.inertia(self._rest)
         return self._function("M", {"q": self._state.q}, {"M": ca.sparsify(matrix)})
 
     @cached_property
     def C(self) -> ca.Function:
         """Coriolis and damping matrix C(q, dq) (n×n); Ṁ - 2C is skew but for damping."""
         s = self._state
-        matrix = self._balance.C if self._printed else self._by_rates(State(s.q, s.dq)).coriolis
+        matrix = self._balance.C if self._printed else self._jacobians.rates()
         return self._function("C", {"q": s.q, "dq": s.dq}, {"C": ca.sparsify(matrix)})
 
     @cached_property
@@ -186,11 +166,6 @@ class Model(DriveFunctions):
         vector = self._balance.tau if self._printed else self._input_forces(None)
         return self._function("tau", {"q": self._state.q, "p": self._p}, {"tau": vector})
 
-    def _by_rates(self, steady: State) -> Blocks:
-        """Derivatives of what depends on the rates."""
-        chain = self.chain if can_differentiate(self.chain) else self._damping
-        return differentiate(chain, steady, self._pressures, by_q=False)
-
     @cached_property
     def equations(self) -> ca.Function:
         """(q, dq, p) -> M, C, N, τ of (26) in one pass, cheaper than one by one."""
@@ -198,11 +173,10 @@ class Model(DriveFunctions):
         if self._printed:
             terms = [self.M(s.q), self.C(s.q, s.dq), self.N(s.q), self.tau(s.q, self._p)]
         else:
-            steady = State(s.q, s.dq)
-            inertia = differentiate(self.chain, steady, self._pressures, by_q=False).by_ddq
+            inertia = self._jacobians.inertia(State(s.q, s.dq))
             highest = 7  # the same Stumpff functions as the derivatives use
             rest = [self._position_forces(highest), self._input_forces(highest)]
-            terms = [inertia, self._by_rates(steady).coriolis, *rest]
+            terms = [inertia, self._jacobians.rates(), *rest]
         outputs = dict(zip(("M", "C", "N", "tau"), terms, strict=True))
         return self._function("equations", {"q": s.q, "dq": s.dq, "p": self._p}, outputs)
 
@@ -240,7 +214,7 @@ class Model(DriveFunctions):
         if self._printed:
             K = ca.sparsify(ca.jacobian(r, self._state.q))
         else:
-            K = differentiate(self.chain, self._rest, self._pressures).by_q
+            K = self._jacobians.stiffness()
         symbols = {"q": self._state.q, "p": self._p}
         return self._function("stiffness", symbols, {"K": K, "by_p": ca.jacobian(r, self._p)})
 
