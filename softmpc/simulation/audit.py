@@ -3,12 +3,13 @@
     Σ energies(t) - Σ energies(0) = Σ ∫ powers dt,
 
 term by term, over a recorded motion. The powers are integrated over the motion between the samples
-(`between`), so that the usual 0.01 s will do.
+(`between`), so that the usual 0.01 s will do. Where the balance of a piece is rough, as after a
+jump of the input, the motion in it is integrated anew between the recorded states.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ __all__ = ["Audit", "audit"]
 
 POINTS = 5  # of Gauss, in each stretch of time
 GROWTH = 3.0  # of the stretches after a breakpoint, where the drive's fastest modes die out
+ROUNDS, PARTS = 2, 16  # of finer pieces where the balance is rough, and how much finer
+ROUGH = 2e-8  # of the turnover, in one piece
+MOST = 500  # pieces made finer in one round
 CHUNK = 4096  # stretches at once: bounds the memory
 LEAST = 1e-6  # turnover, as a share of the energy of full strains: rest does not divide by zero
 
@@ -61,6 +65,15 @@ class Audit:
         """Largest |error| over the turnover; nan where a term is missing."""
         return float("nan") if self.missing else float(np.abs(self.error).max()) / self.turnover
 
+    def at(self, time: np.ndarray) -> Audit:
+        """The same at some of its times."""
+        some = np.searchsorted(self.time, time)
+        energies, works = (
+            {name: values[some] for name, values in terms.items()}
+            for terms in (self.energies, self.works)
+        )
+        return replace(self, time=time, energies=energies, works=works)
+
     def summary(self) -> dict[str, Any]:
         """What a program wants to know, ready for JSON."""
         return {
@@ -86,10 +99,33 @@ def audit(model: Model, simulation: Simulation, profile: InputProfile | None = N
         raise InputError(
             f"a simulation of {simulation.x.shape[1]} states: this model has {len(model.layout.x)}"
         )
-    full = float(np.abs(model.layout.r.scale * model.layout.q.scale).sum())
-    energies = _named(model.energies, simulation.q, simulation.dq)
-    works = _works(model, simulation, profile) if len(simulation.time) > 1 else {}
-    return Audit(simulation.time, energies, works, _missing(model), LEAST * full)
+    missing = _missing(model)
+    least = LEAST * float(np.abs(model.layout.r.scale * model.layout.q.scale).sum())
+    if len(simulation.time) < 2:
+        return Audit(simulation.time, _energies(model, simulation.x), {}, missing, least)
+    motion = MotionBetween.of(model, simulation, profile)
+    whole = _audit(motion, profile, missing, least)
+    for _ in range(0 if missing else ROUNDS):
+        steps = np.abs(np.diff(whole.error))
+        rough = (steps > ROUGH * whole.turnover) & (steps >= np.sort(steps)[-MOST:][0])
+        if not rough.any():
+            break
+        motion = motion.refined(rough, PARTS)
+        whole = _audit(motion, profile, missing, least)
+    return whole.at(simulation.time)
+
+
+def _audit(
+    motion: MotionBetween, profile: InputProfile, missing: tuple[str, ...], least: float
+) -> Audit:
+    """At the ends of all pieces of a motion."""
+    energies = _energies(motion.model, motion.x)
+    return Audit(motion.time, energies, _works(motion, profile), missing, least)
+
+
+def _energies(model: Model, x: np.ndarray) -> dict[str, np.ndarray]:
+    q, dq, _ = np.split(x, [model.strains, 2 * model.strains], axis=1)
+    return _named(model.energies, q, dq)
 
 
 def _missing(model: Model) -> tuple[str, ...]:
@@ -103,19 +139,17 @@ def _missing(model: Model) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def _works(model: Model, simulation: Simulation, profile: InputProfile) -> dict[str, np.ndarray]:
-    """∫ of each power from the start to each sample (K, J)."""
-    motion = MotionBetween.of(model, simulation, profile)
+def _works(motion: MotionBetween, profile: InputProfile) -> dict[str, np.ndarray]:
+    """∫ of each power from the start to each end of a piece (J)."""
     ends = _stretches(motion, profile)
     piece = np.searchsorted(motion.time, ends[:-1], side="right") - 1
-    names = model.powers.name_out()
+    names = motion.model.powers.name_out()
     gained = np.zeros((len(names), len(piece)))
     for first in range(0, len(piece), CHUNK):
         some = slice(first, first + CHUNK)
-        gained[:, some] = _gained(model, motion, piece[some], ends[:-1][some], ends[1:][some])
+        gained[:, some] = _gained(motion, piece[some], ends[:-1][some], ends[1:][some])
     work = np.concatenate([np.zeros((len(names), 1)), np.cumsum(gained, axis=1)], axis=1)
-    at_samples = np.searchsorted(ends, simulation.time)
-    return dict(zip(names, work[:, at_samples], strict=True))
+    return dict(zip(names, work[:, np.searchsorted(ends, motion.time)], strict=True))
 
 
 def _stretches(motion: MotionBetween, profile: InputProfile) -> np.ndarray:
@@ -130,14 +164,14 @@ def _stretches(motion: MotionBetween, profile: InputProfile) -> np.ndarray:
 
 
 def _gained(
-    model: Model, motion: MotionBetween, piece: np.ndarray, start: np.ndarray, end: np.ndarray
+    motion: MotionBetween, piece: np.ndarray, start: np.ndarray, end: np.ndarray
 ) -> np.ndarray:
     """∫ of each power (powers × N, J) over stretches (N) by Gauss quadrature."""
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
     length = (end - start)[:, None]
     time = start[:, None] + length * (1 + nodes) / 2
     at_nodes = (value.reshape(time.size, -1) for value in motion(piece, time))
-    found = _named(model.powers, *at_nodes)
+    found = _named(motion.model.powers, *at_nodes)
     powers = np.stack([power.reshape(time.shape) for power in found.values()])
     return np.asarray((powers * weights).sum(axis=2) * length[:, 0] / 2)
 

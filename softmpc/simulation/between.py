@@ -25,7 +25,7 @@ from softmpc.simulation.result import Simulation
 __all__ = ["MotionBetween"]
 
 Array = np.ndarray
-FINER = 16  # parts of a piece after a jump, in which fast modes die out
+TIGHT = 1e-7  # m at the tip, where states are integrated anew
 WORST_MODES = 1e8  # condition of the drive's modes up to which the closed form is trusted
 
 
@@ -45,7 +45,7 @@ class MotionBetween:
 
     @classmethod
     def of(cls, model: Model, simulation: Simulation, profile: InputProfile) -> MotionBetween:
-        """Pieces between samples and breakpoints of the input, finer ones after its jumps.
+        """Pieces between samples and breakpoints of the input.
 
         States there that were not recorded are integrated from the sample before. Raises
         `BuildError` for an arm with neither inertia nor damping: it jumps where pressures do.
@@ -62,27 +62,34 @@ class MotionBetween:
         time = np.union1d(simulation.time, bends[(bends > first) & (bends < last)])
         x = np.full((len(time), simulation.x.shape[1]), np.nan)
         x[np.isin(time, simulation.time)] = simulation.x
-        return cls(model, time, x, *profile.over(time[:-1], time[1:]))._filled()
+        motion = cls(model, time, x, *profile.over(time[:-1], time[1:]))
+        return motion.refined(np.isnan(x[1:, 0]), 1)
 
-    def _filled(self) -> MotionBetween:
-        """With states instead of nan, and finer pieces after each jump of the input."""
-        jumps = np.ones(len(self.u0), bool)
-        jumps[1:] = np.any(np.abs(self.u0[1:] - self.u1[:-1]) > 1e-9 * np.abs(self.u0).max(), 1)
-        lacking = np.isnan(self.x[1:, 0])
-        integrator = integrator_for(self.model)
-        rows, x = [], [self.x[0]]
+    def refined(self, which: Array, parts: int) -> MotionBetween:
+        """With some pieces (mask) integrated anew from their start, in equal parts.
+
+        Their last state stays what it was, unless it is nan.
+        """
+        integrator = integrator_for(self.model, tip_tolerance=TIGHT)
+        share = np.arange(parts)[:, None] / parts
+        times, x, inputs = [], [self.x[:1]], [self.u0[:0]]
         for k, length in enumerate(self.lengths.tolist()):
-            parts = FINER if jumps[k] else 1
-            share = np.arange(parts + 1) / parts
-            ends = self.x[k + 1 : k + 2]
-            if jumps[k] or lacking[k]:
-                found = integrator.advance(x[-1], self.u0[k], length, parts, self.u1[k])
-                ends = found if lacking[k] else np.vstack([found[:-1], ends])
-            x += [*ends]
-            inputs = self.u0[k] + share[:, None] * (self.u1[k] - self.u0[k])
-            rows.append((self.time[k] + share[:-1] * length, inputs[:-1], inputs[1:]))
-        time, u0, u1 = (np.concatenate(column) for column in zip(*rows, strict=True))
-        return MotionBetween(self.model, np.append(time, self.time[-1]), np.array(x), u0, u1)
+            end = self.x[k + 1 : k + 2]
+            if not which[k]:
+                times.append(self.time[k : k + 1])
+                inputs.append(self.u0[k : k + 1])
+            else:
+                found = integrator.advance(x[-1][-1], self.u0[k], length, parts, self.u1[k])
+                x.append(found[:-1])
+                end = found[-1:] if np.isnan(end).any() else end
+                times.append(self.time[k] + share[:, 0] * length)
+                inputs.append(self.u0[k] + share * (self.u1[k] - self.u0[k]))
+            x.append(end)
+        time, u0 = np.append(np.concatenate(times), self.time[-1]), np.concatenate(inputs)
+        u1 = np.vstack([u0[1:], self.u1[-1:]])
+        ends = np.isin(time[1:], self.time[1:])  # there the input may jump
+        u1[ends] = self.u1
+        return MotionBetween(self.model, time, np.concatenate(x), u0, u1)
 
     @property
     def lengths(self) -> Array:

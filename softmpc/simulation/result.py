@@ -57,7 +57,9 @@ class Simulation:
     @property
     def units(self) -> dict[str, str]:
         """Unit of each column by name: `{"t": "s", "x_1": "m", "kappa_y_1_1": "1/m", …}`."""
-        return {name_of(title): title[len(name_of(title)) :].strip(" []") for title in self.columns()}
+        return {
+            name_of(title): title[len(name_of(title)) :].strip(" []") for title in self.columns()
+        }
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The column (K) of that name; raises `InputError` with the nearest one."""
