@@ -12,10 +12,7 @@ from typing import Any
 
 import numpy as np
 
-try:
-    from softmpc.compiled import compiled
-except ImportError:
-    compiled = lambda f: f  # noqa
+from softmpc.compiled import compiled
 from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.simulation.dense import cubic, quintic
@@ -28,7 +25,7 @@ __all__ = ["GaussLegendre", "RadauIIA", "RungeKutta"]
 
 TRIALS = 24  # of one call
 FIRST_STEP = 1e-3  # s, where nothing is known about the motion
-EXACT = 1e-10  # m: tolerance that stands for a given step, for how well its stages are solved
+EXACT = 1e-13  # m: tolerance that stands for a given step; its stages are solved to rounding
 MOST_TRIALS = 200_000  # of one call of `advance`
 LEAST, MOST = 1e-12, 0.1  # m, of the tolerance
 
