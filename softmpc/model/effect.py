@@ -40,6 +40,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()  # names of effects it makes no sense without
     bare: ClassVar[str | None] = None  # the one parameter that scene files give without its name
     virtual_power_only: ClassVar[bool] = False  # refused by the Newton-Euler formulations
+    surroundings: ClassVar[bool] = False  # where the arm is and what it holds: a scene's choice
 
     def __post_init__(self) -> None:
         check_quantities(self)

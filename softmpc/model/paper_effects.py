@@ -30,6 +30,7 @@ class Gravity(Effect):
     """
 
     name: ClassVar[str] = "gravity"
+    surroundings: ClassVar[bool] = True
     bare: ClassVar[str] = "vector"
     vector: tuple[float, float, float] = vector(
         (0.0, 0.0, 9.81),
@@ -122,6 +123,7 @@ class TipLoad(Effect):
     """
 
     name: ClassVar[str] = "tip_load"
+    surroundings: ClassVar[bool] = True
     force: tuple[float, float, float] = vector(
         (0.0, 0.0, 0.0), unit="N", source="assumed: none", doc="dead force, in the base frame"
     )
