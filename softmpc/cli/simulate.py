@@ -21,6 +21,7 @@ from softmpc.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from softmpc.simulation.audit import Audit
     from softmpc.simulation.result import Simulation
 
 __all__ = ["command"]
@@ -31,9 +32,12 @@ __all__ = ["command"]
 @click.option(
     "--duration", type=float, metavar="S", help="Simulate this long, not what the scene says."
 )
+@click.option("--audit", is_flag=True, help="Add up energies and works: does the balance close?")
 @animation_option
 @answering("simulate")
-def command(scene: Path, duration: float | None, animate: bool, out: Path | None) -> Answer:
+def command(
+    scene: Path, duration: float | None, audit: bool, animate: bool, out: Path | None
+) -> Answer:
     """Simulate the motion that the table [simulate] of the scene file SCENE describes."""
     from softmpc.simulation.run import simulate_file
 
@@ -46,6 +50,8 @@ def command(scene: Path, duration: float | None, animate: bool, out: Path | None
     if out:
         done.save(out)
         _draw(out, scene, done, animate and done.status != "interrupted")
+    if audit:
+        data["audit"] = _audit(out, scene, done).summary()
     if done.finished:
         return Answer(data, _text(data))
     status = INTERRUPTED if done.status == "interrupted" else NOT_CONVERGED
@@ -56,9 +62,11 @@ def _draw(out: Path, scene: Path, done: Simulation, animate: bool) -> None:
     from softmpc.model.model import build
     from softmpc.view import time_plots
     from softmpc.view.animation import animate as write_animation
+    from softmpc.view.motion import motion_figure
     from softmpc.view.style import save_figure
 
     model = build(load(scene)[1])
+    save_figure(motion_figure(model, done, done.title), out / "motion.png")
     tips = time_plots.tips_figure(done.time, done.tips, title=f"{done.title}: section tips")
     strains = time_plots.strains_figure(model, done.time, done.q, f"{done.title}: strains")
     drive = time_plots.inputs_figure(model, done.time, done.u, done.p, f"{done.title}: drive")
@@ -71,6 +79,21 @@ def _draw(out: Path, scene: Path, done: Simulation, animate: bool) -> None:
             write_animation(model, done.time, done.q, target, title=done.title, progress=report)
 
 
+def _audit(out: Path | None, scene: Path, done: Simulation) -> Audit:
+    from softmpc.model.model import build
+    from softmpc.simulation.audit import audit
+
+    found = audit(build(load(scene)[1]), done)
+    if out:
+        from softmpc.simulation.columns import write_columns
+        from softmpc.view.energy import energy_figure
+        from softmpc.view.style import save_figure
+
+        write_columns(out / "energy.csv", found.columns())
+        save_figure(energy_figure(found, f"{done.title}: energy"), out / "energy.png")
+    return found
+
+
 def _text(data: dict[str, Any]) -> str:
     rows: list[tuple[str, object]] = [
         ("status", data["status"]),
@@ -79,4 +102,20 @@ def _text(data: dict[str, Any]) -> str:
     ]
     for i, tip in enumerate(data["final_tips_m"], 1):
         rows.append((f"final tip of section {i} (m)", row(tip)))
+    if data["settling_s"] == data["settling_s"]:  # not nan
+        rows.append(("at rest within 2 % of its way", f"{data['settling_s']:.2f} s after the input"))
+        rows.append(("overshoot of the tip", f"{100 * data['overshoot']:.1f} %"))
+    rows += _energy_rows(data.get("audit"))
     return "\n".join([data["title"], table(rows)])
+
+
+def _energy_rows(audit: dict[str, Any] | None) -> list[tuple[str, object]]:
+    if audit is None:
+        return []
+    changes = [(f"{name} energy", value) for name, value in audit["energy_change_j"].items()]
+    works = [(f"work of {name.replace('_', ' ')}", value) for name, value in audit["work_j"].items()]
+    rows: list[tuple[str, object]] = [(f"{n} (J)", row([value])) for n, value in changes + works]
+    if audit["missing"]:
+        return [*rows, *(("no energy balance", reason) for reason in audit["missing"])]
+    share = f"within {audit['closure']:.1e} of {audit['turnover_j']:.4g} J"
+    return [*rows, ("energy balance closes", share)]

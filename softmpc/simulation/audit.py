@@ -65,6 +65,13 @@ class Audit:
         """Largest |error| over the turnover; nan where a term is missing."""
         return float("nan") if self.missing else float(np.abs(self.error).max()) / self.turnover
 
+    def columns(self) -> dict[str, np.ndarray]:
+        """Energies, works and the error as columns, titles with units."""
+        columns = {"t [s]": self.time}
+        columns |= {f"{name}_energy [J]": energy for name, energy in self.energies.items()}
+        columns |= {f"{name}_work [J]": work for name, work in self.works.items()}
+        return columns if self.missing else columns | {"error [J]": self.error}
+
     def at(self, time: np.ndarray) -> Audit:
         """The same at some of its times."""
         some = np.searchsorted(self.time, time)

@@ -14,7 +14,8 @@ import numpy as np
 
 from softmpc.files import replacing
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
-from softmpc.view.style import REFERENCE, TRACE, figure, styled
+from softmpc.view.motion import MOST_POINTS, draw_traces
+from softmpc.view.style import REFERENCE, figure, styled
 
 if TYPE_CHECKING:
     from softmpc.model.model import Model
@@ -71,17 +72,20 @@ def _render(
 ) -> list[np.ndarray]:
     """The moments `picks` as images (height × width × 3)."""
     arm = Arm(model)
-    tips = np.asarray(model.tip.map(len(q))(q.T)).T
+    traces = np.asarray(model.frames.map(len(q))(q.T)[0]).T.reshape(len(q), -1, 3)
+    traced = np.unique(np.append(np.linspace(0, len(q) - 1, MOST_POINTS).round(), picks)).astype(int)
     shapes = [arm.sections(q[k]) for k in picks]
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, *([] if reference is None else [reference]), margin=1.5 * max(arm.radii))
     made, axes = _stage(arm, box, reference)
-    (trace,) = axes.plot(*tips[:1].T, **TRACE, zorder=9)
+    ways = draw_traces(axes, traces[:1])
     head = shorten(title, 54).replace("$", r"\$")
     clock = made.text(0.03, 0.98, "", fontsize=9, va="top")
     frames = []
     for done, (k, shape) in enumerate(zip(picks, shapes, strict=True), 1):
-        trace.set_data_3d(*tips[: k + 1].T)
+        gone = traces[traced[traced <= k]]
+        for section, way in enumerate(ways):
+            way.set_data_3d(*gone[:, section].T)
         clock.set_text(f"{head}\nt = {time[k]:.1f} s".strip())
         frames.append(_snapshot(made, axes, shape, [0.6 * radius for radius in arm.radii]))
         progress(done, len(picks))

@@ -42,7 +42,7 @@ def _draw_terms(
     axes: Axes, time: np.ndarray, terms: dict[str, np.ndarray], line: str, title: str
 ) -> None:
     for k, (name, values) in enumerate(terms.items()):
-        look = {"color": TERMS[k % len(TERMS)], "linestyle": line}
+        look: dict[str, Any] = {"color": TERMS[k % len(TERMS)], "linestyle": line}
         axes.plot(time, thinned(values), **look, label=name.replace("_", " "))
     total = sum(terms.values(), np.zeros(1))
     if len(terms) > 1:

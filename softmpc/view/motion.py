@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from softmpc.model.model import Model
 
-__all__ = ["draw_traces", "motion_figure", "thinned"]
+__all__ = ["MOST_POINTS", "draw_traces", "motion_figure", "thinned"]
 
 GHOSTS = 5
 MOST_POINTS = 2000
