@@ -13,6 +13,7 @@ objects (softmpc/model/force_laws.py).
 
 from __future__ import annotations
 
+from softmpc.model.contact import Contact
 from softmpc.model.drive_effects import DRIVE_EFFECTS
 from softmpc.model.effect import Effect
 from softmpc.model.paper_effects import (
@@ -24,17 +25,25 @@ from softmpc.model.paper_effects import (
     RotaryInertia,
     TipLoad,
 )
+from softmpc.model.payload import Payload
+from softmpc.model.water_effects import AddedMass, Buoyancy, FluidDrag, WaterMass
 
 __all__ = [
     "EFFECTS",
+    "AddedMass",
+    "Buoyancy",
+    "Contact",
     "Coriolis",
     "Effect",
     "EnvironmentDamping",
+    "FluidDrag",
     "Gravity",
     "Inertia",
     "MaterialDamping",
+    "Payload",
     "RotaryInertia",
     "TipLoad",
+    "WaterMass",
 ]
 
 # All effects that scene files know, in the order in which scenes keep them: the paper's first.
@@ -46,5 +55,11 @@ EFFECTS: tuple[type[Effect], ...] = (
     EnvironmentDamping,
     MaterialDamping,
     TipLoad,
+    Buoyancy,
+    FluidDrag,
+    AddedMass,
+    WaterMass,
+    Payload,
+    Contact,
     *DRIVE_EFFECTS,
 )

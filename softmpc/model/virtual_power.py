@@ -41,10 +41,11 @@ def _constant_wrench(link: Link, point: Point, law: BodyLaw) -> Wrench:
     force: Any = ca.SX.zeros(3)
     if law.mass is not None and law.mass == law.heavy:
         force = law.mass * (acceleration - link.gravity)
-    elif law.mass is not None:
-        force = law.mass * acceleration
-    elif law.heavy is not None:
-        force = law.heavy * -link.gravity
+    else:
+        if law.mass is not None:
+            force = law.mass * acceleration
+        if law.heavy is not None:
+            force = force - law.heavy * link.gravity
     if law.drag is not None:
         force = force + law.drag * velocity
     return force, _body_moment(link, point, law) if law.turns else None
