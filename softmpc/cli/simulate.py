@@ -67,7 +67,8 @@ def _draw(out: Path, scene: Path, done: Simulation, animate: bool) -> None:
 
     model = build(load(scene)[1])
     save_figure(motion_figure(model, done, done.title), out / "motion.png")
-    tips = time_plots.tips_figure(done.time, done.tips, title=f"{done.title}: section tips")
+    name = f"{done.title}: section tips"
+    tips = time_plots.tips_figure(done.time, done.tips, title=name, speeds=done.tip_speeds)
     strains = time_plots.strains_figure(model, done.time, done.q, f"{done.title}: strains")
     drive = time_plots.inputs_figure(model, done.time, done.u, done.p, f"{done.title}: drive")
     save_figure(tips, out / "tips.png")

@@ -60,10 +60,14 @@ def tips_figure(
     tips: np.ndarray,
     reference: np.ndarray | None = None,
     title: str = "Section tips",
+    speeds: np.ndarray | None = None,
 ) -> Figure:
-    """Coordinates of the section tips (K×S×3, m), and what the last one is to follow."""
-    made, axes = panels(3, title)
-    for k, (one, name) in enumerate(zip(axes, "xyz", strict=True)):
+    """Coordinates of the section tips (K×S×3, m), and what the last one is to follow.
+
+    With `speeds` (K×S, m/s) those have a panel of their own.
+    """
+    made, axes = panels(3 if speeds is None else 4, title)
+    for k, (one, name) in enumerate(zip(axes[:3], "xyz", strict=True)):
         if reference is not None:
             one.plot(time, reference[:, k], **REFERENCE, label="reference")
         for s in range(tips.shape[1]):
@@ -71,6 +75,11 @@ def tips_figure(
             one.plot(time, tips[:, s, k], **look, label=f"section {s + 1}")
         label(one, TIME, f"{name} (m)")
         _show_at_least(one)
+    if speeds is not None:
+        for s, speed in enumerate(speeds.T):
+            axes[3].plot(time, speed, color=colour(s), linestyle=dash(s), linewidth=width(s))
+        label(axes[3], TIME, "speed (m/s)")
+        _show_at_least(axes[3])
     _finish(axes)
     return made
 
