@@ -26,6 +26,8 @@ COMMANDS = {
     "simulate": "Run the motion that a scene describes.",
     "track": "Move the tip along a path by nonlinear MPC.",
     "compare": "Compare the section tips of two simulations.",
+    "ablate": "Show what each part of a scene changes and costs.",
+    "cache": "Show or clear the compiled functions that are kept.",
 }
 UNEXPECTED = 1
 

@@ -33,10 +33,20 @@ __all__ = ["command"]
     "--duration", type=float, metavar="S", help="Simulate this long, not what the scene says."
 )
 @click.option("--audit", is_flag=True, help="Add up energies and works: does the balance close?")
+@click.option(
+    "--certify",
+    is_flag=True,
+    help="Say how exact it is: a finer model, and effects left out, on a part of the motion.",
+)
 @animation_option
 @answering("simulate")
 def command(
-    scene: Path, duration: float | None, audit: bool, animate: bool, out: Path | None
+    scene: Path,
+    duration: float | None,
+    audit: bool,
+    certify: bool,
+    animate: bool,
+    out: Path | None,
 ) -> Answer:
     """Simulate the motion that the table [simulate] of the scene file SCENE describes."""
     from softmpc.simulation.run import simulate_file
@@ -52,6 +62,11 @@ def command(
         _draw(out, scene, done, animate and done.status != "interrupted")
     if audit:
         data["audit"] = _audit(out, scene, done).summary()
+    if certify and done.status != "interrupted":
+        data["certificate"] = _certify(scene, duration, done)
+        if data["certificate"] is None:
+            problem = "interrupted while certifying; the motion itself is complete"
+            return Answer(data, _text(data), INTERRUPTED, problem)
     if done.finished:
         return Answer(data, _text(data))
     status = INTERRUPTED if done.status == "interrupted" else NOT_CONVERGED
@@ -95,6 +110,20 @@ def _audit(out: Path | None, scene: Path, done: Simulation) -> Audit:
     return found
 
 
+def _certify(scene: Path, duration: float | None, done: Simulation) -> dict[str, Any] | None:
+    """The accuracy note, None when it is interrupted."""
+    from softmpc.model.model import build
+    from softmpc.study.ablate import read_study
+    from softmpc.study.certify import certify
+
+    _, parsed, settings = read_study(scene, duration)
+    try:
+        with progress("certifying", "run") as report:
+            return certify(build(parsed), done, settings, progress=report).summary()
+    except KeyboardInterrupt:
+        return None
+
+
 def _text(data: dict[str, Any]) -> str:
     rows: list[tuple[str, object]] = [
         ("status", data["status"]),
@@ -107,6 +136,9 @@ def _text(data: dict[str, Any]) -> str:
         rows.append(("at rest within 2 % of its way", f"{data['settling_s']:.2f} s after the input"))
         rows.append(("overshoot of the tip", f"{100 * data['overshoot']:.1f} %"))
     rows += _energy_rows(data.get("audit"))
+    if data.get("certificate"):
+        rows.append(("accuracy", data["certificate"]["text"]))
+        rows.append(("not asked", ", ".join(data["certificate"]["skipped"]) or "nothing"))
     return "\n".join([data["title"], table(rows)])
 
 

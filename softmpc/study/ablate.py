@@ -137,11 +137,11 @@ class Ablation:
             "rows": [row.summary(base.cost) for row in self.rows],
         }
 
-    def columns(self) -> dict[str, list[Any]]:
-        """The table, a column a list; what could not be run has None for numbers."""
+    def columns(self) -> dict[str, np.ndarray]:
+        """The table, a column an array; what could not be run has None for numbers."""
         flat = [_flat(row.summary(self.baseline.cost)) for row in self.rows]
         names = dict.fromkeys(name for row in flat for name in row)
-        return {name: [row.get(name) for row in flat] for name in names}
+        return {name: np.array([row.get(name) for row in flat], object) for name in names}
 
 
 def ablate(
