@@ -39,6 +39,12 @@ EFFECTS = model_of().scene.effects
 MOVES = ((1, 0.0137, 1.0), (1, 0.2051, 0.3), (4, 0.25, 0.8))
 
 
+@pytest.fixture(autouse=True)
+def _interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many models, each moved once: compiling them would take longer than it saves."""
+    monkeypatch.setenv("SOFTMPC_COMPILE", "never")
+
+
 def profile(size: float) -> InputProfile:
     steps = [Step(unit, at, size * to) for unit, at, to in MOVES]
     return InputProfile.of(6, [*steps, Ramp(5, 0.05, 0.1333, 10.0 * size)])
