@@ -113,7 +113,7 @@ def _data(model: Model, found: Equilibrium) -> dict[str, Any]:
         "pressures_mpa": found.pressures / 1e6,
         "segments": _segments(model, found.q),
     }
-    travel = _piston_travel(model, found.pressures)
+    travel = _piston_travel(model, found)
     return data if travel is None else data | {"piston_travel_mm": travel * 1e3}
 
 
@@ -137,13 +137,14 @@ def _segments(model: Model, q: np.ndarray) -> list[dict[str, float]]:
     return rows
 
 
-def _piston_travel(model: Model, p: np.ndarray) -> np.ndarray | None:
+def _piston_travel(model: Model, found: Equilibrium) -> np.ndarray | None:
     """Places of the pistons at rest (m), where the drive has pistons."""
     import numpy as np
 
-    if not model.layout.z.names:
+    if not len(model.drive.X):
         return None
-    return np.asarray(model.drive.X @ np.concatenate([0 * p, p, p]))
+    u = np.linalg.solve(model.drive.static_gain, found.pressures)
+    return np.asarray(model.piston_places(model.drive.at_rest(u), found.q)).ravel()
 
 
 def _warnings(model: Model, found: Equilibrium) -> list[str]:
@@ -155,7 +156,7 @@ def _warnings(model: Model, found: Equilibrium) -> list[str]:
         for j, p in enumerate(found.pressures, 1)
         if not limits.pressure_min - slack <= p <= limits.pressure_max + slack
     ]
-    travel = _piston_travel(model, found.pressures)
+    travel = _piston_travel(model, found)
     if travel is not None and abs(travel).max() > limits.stroke_max:
         said.append(f"a piston travels {abs(travel).max() * 1e3:.4g} mm, beyond its stroke")
     if found.converged and not found.stable:

@@ -124,6 +124,21 @@ class DriveFunctions:
             x = sparse_times(self.drive.X, z) if len(self.drive.X) else ca.SX(0, 1)
         return self._drive_function("piston_places", {"x": x}, "z", "q")
 
+    @cached_property
+    def tube_flows(self) -> ca.Function:
+        """z -> flow from cylinder to unit through each tube (m, m³/s); none without tubes."""
+        columns = ca.reshape(self._drive_symbols["z"], self.drive.C.shape[0], -1)
+        if not len(self.drive.X):
+            flows = ca.SX(0, 1)
+        elif columns.shape[1] > 3:
+            flows = columns[:, 3]
+        else:
+            parts = [
+                law.flow(columns[j, 2] - columns[j, 1]) for j, law in enumerate(self._unit_laws)
+            ]
+            flows = ca.vertcat(*parts)
+        return self._drive_function("tube_flows", {"Q": flows}, "z")
+
     def drive_rest(self, u: Any, q: Any = None) -> np.ndarray:
         """States z (h) in balance with held inputs u (k), at the posture q (n; straight).
 

@@ -94,7 +94,7 @@ def start_state(
     if start not in STARTS:
         raise InputError(f"start = {start!r}: must be one of {', '.join(STARTS)}, or a state")
     u, drive = profile.before(0.0), model.drive
-    z = drive.at_rest(u)
+    z = model.drive_rest(u)
     q = np.zeros(model.strains)
     if start == "rest":
         rest = find_equilibrium(model, (drive.C @ z + drive.D @ u).tolist())

@@ -53,7 +53,7 @@ def pressures_from_torques(model: Model, torques: ArrayLike) -> np.ndarray:
             "or set [actuation] kind = 'hydraulic' or 'static'"
         )
     u = _vector("torques", torques, model, "N·m")
-    return model.drive.static_gain @ u
+    return np.asarray(model.drive.C @ model.drive_rest(u) + model.drive.D @ u)
 
 
 def find_equilibrium(model: Model, pressures: ArrayLike) -> Equilibrium:
