@@ -23,8 +23,12 @@ from PIL import Image
 from softmpc.control.track_result import TrackResult
 from softmpc.model.model import Model, build
 from softmpc.model.scene_file import scene_from_dict
+from softmpc.simulation.audit import Audit
+from softmpc.simulation.result import Simulation, titles_of
 from softmpc.view import animation, time_plots
 from softmpc.view.arm import Arm, box_of
+from softmpc.view.energy import energy_figure
+from softmpc.view.motion import MOST_POINTS, motion_figure, thinned
 from softmpc.view.posture import posture_figure
 from softmpc.view.style import COLOURS, colour, dash, save_figure, styled
 from softmpc.view.tracking import tracking_figure
@@ -86,6 +90,19 @@ def run_of(model: Model, far: bool = False) -> TrackResult:
     )
 
 
+def motion_of(
+    model: Model, q: np.ndarray | None = None, time: np.ndarray | None = None
+) -> Simulation:
+    """A made-up simulation along `sway`."""
+    when, where = sway(model)
+    time, q = (when if time is None else time), (where if q is None else q)
+    tips = np.stack([np.asarray(model.frames(one)[0]).T for one in q])
+    speeds = np.linalg.norm(tips - tips[0], axis=2)
+    none = {name: np.zeros((len(q), len(getattr(model.layout, name)))) for name in "zup"}
+    about = {"title": "Made up", "status": "finished", "wall_s": 1.0, "titles": titles_of(model)}
+    return Simulation(time=time, q=q, dq=0 * q, tips=tips, tip_speeds=speeds, **none, **about)
+
+
 def check(made: Figure, tmp_path: Path) -> None:
     """Every axes has names with units, letters are large enough and on the page; it is saved."""
     for axes in made.axes:
@@ -138,6 +155,58 @@ def test_tips(model: Model, tmp_path: Path) -> None:
     run = run_of(model)
     check(time_plots.tips_figure(run.time, run.tips), tmp_path)
     check(time_plots.tips_figure(run.time, run.tips, run.reference), tmp_path)
+
+
+def test_tips_with_speeds(tmp_path: Path) -> None:
+    run = run_of(arm_model("two sections, hanging"))
+    made = time_plots.tips_figure(run.time, run.tips, speeds=np.abs(run.tips[..., 0]))
+    check(made, tmp_path)
+    assert [axes.get_ylabel() for axes in made.axes] == ["x (m)", "y (m)", "z (m)", "speed (m/s)"]
+
+
+def test_motion(model: Model, tmp_path: Path) -> None:
+    run = motion_of(model)
+    made = motion_figure(model, run, "A motion")
+    check(made, tmp_path)
+    space, plane, curves, speeds = made.axes
+    across = 0 if plane.get_xlabel() == "x (m)" else 1
+    drawn = {line.get_label(): line.get_xydata() for line in plane.get_lines()}
+    np.testing.assert_allclose(drawn["way of the tip"], run.tips[:, -1, [across, 2]])
+    ways = [np.array(line.get_data_3d()).T for line in space.get_lines()]
+    for tip in run.tips.transpose(1, 0, 2):  # the way of each section's tip is in space
+        assert any(way.shape == tip.shape and np.allclose(way, tip) for way in ways)
+    assert len(curves.get_lines()) > 0
+    assert len(speeds.get_lines()) == run.tips.shape[1]
+
+
+def test_a_motion_that_stands_still(tmp_path: Path) -> None:
+    model = arm_model("two sections, hanging")
+    time, q = sway(model)
+    check(motion_figure(model, motion_of(model, 0 * q), ""), tmp_path)
+    check(motion_figure(model, motion_of(model, q[:1], time[:1]), ""), tmp_path)
+
+
+def test_long_motions_are_thinned() -> None:
+    rows = np.arange(100_000)[:, None]
+    few = thinned(rows)
+    assert len(few) == MOST_POINTS
+    assert (few[0, 0], few[-1, 0]) == (0, 99_999)
+    assert thinned(rows[:30]) is not None and len(thinned(rows[:30])) == 30
+
+
+@pytest.mark.parametrize("missing", [(), ("elastic: the law 'strain' has no energy; take …",)])
+def test_energy(tmp_path: Path, missing: tuple[str, ...]) -> None:
+    time = np.linspace(0, 1, 50)
+    energies = {"kinetic": time**2, "elastic": 3 + time}
+    works = {"drive": 2 * time, "material_damping": time**2 - time + 1e-7 * np.sin(time)}
+    made = energy_figure(Audit(time, energies, works, missing, 1e-9))
+    check(made, tmp_path)
+    stored, worked, error = made.axes
+    drawn = {line.get_label(): line.get_ydata() for line in stored.get_lines()}
+    np.testing.assert_allclose(drawn["elastic"], time)  # the change since the start
+    np.testing.assert_allclose(drawn["sum"], time + time**2)
+    assert "material damping" in {line.get_label() for line in worked.get_lines()}
+    assert error.get_title("left").startswith("no balance: elastic" if missing else "sum of energ")
 
 
 def test_strains(model: Model, tmp_path: Path) -> None:
