@@ -127,7 +127,8 @@ def _certify(scene: Path, duration: float | None, done: Simulation) -> dict[str,
 def _text(data: dict[str, Any]) -> str:
     rows: list[tuple[str, object]] = [
         ("status", data["status"]),
-        ("duration", f"{data['duration_s']:g} s in {data['wall_s']:.2f} s"),
+        ("duration", f"{data['duration_s']:g} s in {data['wall_s']:.3g} s"),
+        ("set up in", f"{data['setup_s']:.2f} s"),
         ("faster than real time", f"{data['realtime_factor']:.2f} times"),
     ]
     for i, tip in enumerate(data["final_tips_m"], 1):

@@ -56,6 +56,10 @@ class Cvodes:
             raise IntegrationError("CVODES: the motion is no longer finite")
         return found
 
+    def prepare(self) -> None:
+        """Make the functions now, not with the first step."""
+        _ = self._ode
+
     @cached_property
     def _ode(self) -> dict[str, Any]:
         scale, k = self.model.layout.x.scale, len(self.model.layout.u)

@@ -40,6 +40,10 @@ class Following:
             states.append(np.concatenate([q, self._rate(q, z[k], inputs[k], dp), z[k]]))
         return np.stack(states)
 
+    def prepare(self) -> None:
+        """Make the functions now, not with the first step."""
+        _ = self.model.balance, self.model.stiffness
+
     def _posture(self, p: np.ndarray, guess: np.ndarray) -> np.ndarray:
         found = refine_equilibrium(self.model, p.tolist(), guess.tolist())
         if not found.converged:

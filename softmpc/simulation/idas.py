@@ -68,6 +68,10 @@ class Idas:
             raise IntegrationError("IDAS: the motion is no longer finite")
         return states
 
+    def prepare(self) -> None:
+        """Make the functions now, not with the first step."""
+        _ = self._dae
+
     # --- scaled variables ----------------------------------------------------------------------
 
     @cached_property

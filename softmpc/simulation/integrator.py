@@ -31,6 +31,10 @@ class Integrator(Protocol):
         """
         ...
 
+    def prepare(self) -> None:
+        """Make the functions now, not with the first step."""
+        ...
+
 
 class Interval:
     """The checked arguments of `advance`: q, dq (n), z (h), u0 and u_slope (k), times (samples)."""

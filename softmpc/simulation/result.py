@@ -44,6 +44,7 @@ class Simulation:
     energies: dict[str, np.ndarray] = field(default_factory=dict)  # J (K), by name
     titles: dict[str, tuple[str, ...]] = field(default_factory=dict)
     profile: InputProfile | None = None  # the inputs over time, None where only `u` is known
+    setup_s: float = float("nan")  # time it took to make the functions and find the start
 
     @property
     def finished(self) -> bool:
@@ -88,6 +89,7 @@ class Simulation:
         summary: dict[str, Any] = {
             "status": self.status,
             "duration_s": self.duration_s,
+            "setup_s": self.setup_s,
             "wall_s": self.wall_s,
             "realtime_factor": self.realtime_factor,
             "final_tips_m": self.final_tips.tolist(),

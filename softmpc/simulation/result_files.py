@@ -18,7 +18,7 @@ from softmpc.simulation.inputs import Curve, InputProfile
 __all__ = ["SCHEMA_VERSION", "read_csv", "read_npz", "write_npz"]
 
 SCHEMA_VERSION = 2  # 1 had no inputs
-ABOUT = ("title", "status", "wall_s", "titles")
+ABOUT = ("title", "status", "setup_s", "wall_s", "titles")
 ARRAYS = ("time", "q", "dq", "z", "u", "p", "tips", "tip_speeds")
 Fields = dict[str, Any]
 

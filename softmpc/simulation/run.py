@@ -58,16 +58,20 @@ def simulate(
     from. What fails later, or is interrupted, is told by the result's status.
     """
     profile.check(model)
+    began = time.perf_counter()
     stamps = _stamps(duration, sample_time)
     numbers = {"tip_tolerance": tip_tolerance, "tolerance": tolerance, "step": step}
     integrator = integrator_for(model, method, **numbers)
     run = _Run(integrator, profile, start_state(model, profile, start))
+    integrator.prepare()
     marks, pieces = _pieces(stamps, profile.breakpoints)
-    began = time.perf_counter()
+    setup, began = time.perf_counter() - began, time.perf_counter()
     status = run.through(marks, pieces, progress)
     wall = time.perf_counter() - began
     times, states = run.at(stamps)
-    return _result(model, profile, times, states, status=status, wall_s=wall, title=title)
+    return _result(
+        model, profile, times, states, setup_s=setup, status=status, wall_s=wall, title=title
+    )
 
 
 def simulate_file(

@@ -2,7 +2,8 @@
 
 `RadauIIA` chooses its steps by a tolerance in metres at the tip, or keeps a given step;
 `GaussLegendre` keeps a given step, because it is for energy over long times. The steps themselves
-are CasADi functions (`softmpc.simulation.trial`), compiled where a C compiler is found.
+are CasADi functions (`softmpc.simulation.trial`), compiled when that pays
+(`softmpc.just_in_time`).
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.compiled import compiled
 from softmpc.errors import InputError
+from softmpc.just_in_time import JustInTime
 from softmpc.model.model import Model
 from softmpc.simulation.dense import cubic, quintic
 from softmpc.simulation.integrator import IntegrationError, Interval
@@ -55,8 +56,12 @@ class RungeKutta:
         self._end: np.ndarray | None = None  # state and input that the last call ended with
 
     @cached_property
-    def _many(self) -> Any:
-        return compiled(self.trials.many(TRIALS))
+    def _many(self) -> JustInTime:
+        return JustInTime(self.trials.many(TRIALS))
+
+    def prepare(self) -> None:
+        """Make the functions now, not with the first step."""
+        _ = self._many
 
     def advance(
         self, x: Any, u: Any, duration: float, samples: int = 1, u_end: Any = None

@@ -1,0 +1,24 @@
+"""All tests keep compiled functions in one folder of their own, never in the user's cache."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+
+import pytest
+
+_made: list[str] = []
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Workers of pytest-xdist get the variables from the process that starts them."""
+    if not hasattr(config, "workerinput"):
+        _made.append(tempfile.mkdtemp(prefix="softmpc-tests-"))
+        os.environ["SOFTMPC_CACHE"] = _made[0]
+        os.environ.pop("SOFTMPC_COMPILE", None)
+
+
+def pytest_unconfigure() -> None:
+    for folder in _made:
+        shutil.rmtree(folder, ignore_errors=True)
