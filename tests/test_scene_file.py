@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,12 +11,18 @@ import pytest
 from softmpc.errors import InputError, SceneError
 from softmpc.model.actuation import PressureDrive
 from softmpc.model.effects import (
+    EFFECTS,
+    AddedMass,
+    Buoyancy,
+    Contact,
     Coriolis,
     Effect,
     EnvironmentDamping,
+    FluidDrag,
     Gravity,
     Inertia,
     MaterialDamping,
+    Payload,
     RotaryInertia,
     TipLoad,
 )
@@ -24,6 +30,7 @@ from softmpc.model.elasticity import PrintedElasticity, StrainElasticity
 from softmpc.model.formulations import NewtonEuler, VirtualPower
 from softmpc.model.kinematics import PaperArc
 from softmpc.model.mass import GaussMass, LumpedMass
+from softmpc.model.obstacles import Cylinder, Plane
 from softmpc.model.parameters import Hydraulics, Limits, Manipulator, Section
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import STRAINS, Scene, default_effects
@@ -141,6 +148,40 @@ def test_inertia_takes_its_companions_along() -> None:
     assert [effect.name for effect in effects] == ["environment_damping", "material_damping"]
 
 
+def test_effects_with_parameters() -> None:
+    scene = scene_of("""
+        [effects]
+        gravity = [0, 0, 9.81]
+        buoyancy = true
+        fluid_drag = {density = 900, normal = 0.8}
+        added_mass = false
+        payload = {mass = 1}
+        [effects.contact]
+        stiffness = 2e4
+        places = 3
+        [[effects.contact.obstacles]]
+        kind = "plane"
+        point = [0, 0, 0.4]
+        [[effects.contact.obstacles]]
+        kind = "cylinder"
+        radius = 0.2
+        side = "inside"
+    """)
+    walls = Plane((0, 0, 0.4)), Cylinder(radius=0.2, side="inside")
+    assert scene.effect(Buoyancy) == Buoyancy(1000)
+    assert scene.effect(FluidDrag) == FluidDrag(density=900, normal=0.8)
+    assert scene.effect(AddedMass) is None
+    assert scene.effect(Payload) == Payload(1.0)
+    assert scene.effect(Contact) == Contact(walls, stiffness=2e4, places=3)
+    assert scene_from_dict(scene_to_dict(scene)) == scene
+
+
+def test_effects_beyond_the_paper_are_off() -> None:
+    absent = {kind for kind in EFFECTS if not kind.by_default} - {Gravity, TipLoad}
+    assert len(absent) >= 6
+    assert not absent & {type(effect) for effect in scene_of("").effects}
+
+
 @pytest.mark.parametrize("mass", ["", 'mass = "lumped"'])
 def test_newton_euler_is_lumped(mass: str) -> None:
     scene = scene_of(f'[model]\nformulation = "newton-euler"\n{mass}')
@@ -206,6 +247,14 @@ ODD_ARM = Manipulator(
             formulation=VirtualPower(LumpedMass()),
             effects=(Gravity((1.5, 0, -9.81)), TipLoad((0.1, 0, 0), (0, 0, 1e-3))),
             actuation=PressureDrive(),
+        ),
+        Scene(
+            chen2022(),
+            effects=(
+                Gravity(),
+                *(kind() for kind in EFFECTS if kind not in (Gravity, Contact)),
+                Contact((Plane((1, 0, 0), (1, 2, 3)), Cylinder(axis=(0.3, 0, 7))), damping=0.2),
+            ),
         ),
     ],
 )
@@ -350,6 +399,36 @@ def test_bad_file(content: bytes, message: str, tmp_path: Path) -> None:
         ("[effects]\ngravity = [0, 0, 'g']", r"gravity\[2\] = 'g': must be a number in m/s²"),
         ("[effects]\ninertia = 1", "inertia = 1: must be true or false"),
         ("[effects]\ninertia = false\ncoriolis = true", "'coriolis' needs the effect 'inertia'"),
+        (
+            "[effects]\npayload = 3",
+            r"payload = 3: must be true, false or a table {mass = …, radius",
+        ),
+        ("[effects]\npayload = {mas = 1}", r"in \[effects\] payload: 'mas'; did you mean 'mass'"),
+        (
+            "[effects]\npayload = {mass = 0}",
+            r"\[effects\] payload mass = 0 kg: must be above 0 and",
+        ),
+        ("[effects]\npayload = {mass = 'x'}", r"payload mass = 'x': must be a number in kg"),
+        ("[effects]\nbuoyancy = true", "'buoyancy' needs the effect 'gravity': add it, or leave"),
+        ("[effects]\ncontact = true", r"\[effects\] contact: Contact\.obstacles is empty"),
+        ("[effects]\ncontact = {obstacles = 3}", "obstacles = 3: must be a list of tables"),
+        ("[effects]\ncontact = {obstacles = [{}]}", r"contact obstacles\[0\] kind: is missing"),
+        (
+            "[effects]\ncontact = {obstacles = [{kind = 'plain'}]}",
+            r"contact obstacles\[0\] unknown kind: 'plain'; did you mean 'plane'",
+        ),
+        (
+            "[effects]\ncontact = {obstacles = [{kind = 'plane', norm = [0, 0, 1]}]}",
+            r"obstacles\[0\]: 'norm'; did you mean 'normal'",
+        ),
+        (
+            "[effects]\ncontact = {obstacles = [{kind = 'plane', normal = [0, 1]}]}",
+            r"obstacles\[0\] normal = \[0, 1\] \(2 values\): must be a list of 3",
+        ),
+        (
+            "[model]\nformulation = 'newton-euler'\n[effects]\nfluid_drag = true",
+            "'fluid_drag' is not in the formulation 'newton-euler': use 'virtual-power'",
+        ),
         ("[actuation]\nkind = 'hydraulics'", "did you mean 'hydraulic'"),
         ("[load]\ntip_force = 3", "tip_force = 3: must be a list of 3 values"),
     ],
@@ -391,5 +470,9 @@ def test_reference_page_has_every_key() -> None:
         assert f"## [{name}]" in page
         for key in read[name]:
             assert f"| `{key}` |" in page, key
+    for kind in EFFECTS:
+        assert kind is TipLoad or f"| `{kind.name}` |" in page
+        for item in fields(kind):  # type: ignore[arg-type]
+            assert kind in (Gravity, TipLoad) or f"| `{item.name}` |" in page
     for line in page.splitlines():
         assert not line.startswith("|") or line.count("|") in (5, 7)

@@ -143,7 +143,9 @@ def _quantity_row(item: "Field[Any]", default: Any) -> tuple[Any, ...]:
     unit, low, high = allowed.unit, allowed.low, allowed.high
     if toml_key(item) == ANGLES:
         unit, low, high = "deg", math.degrees(low), math.degrees(high)
-    span = f"{'> ' if allowed.low_open else ''}{low:g} to {high:g}"
+    span = (
+        f"{'> ' if allowed.low_open else ''}{low:g} to {high:g}" if math.isfinite(high) else "any"
+    )
     return toml_key(item), unit, default, span, source, doc
 
 

@@ -96,6 +96,19 @@ def cantilever_bending_frequencies(count: int) -> Array:
     return np.asarray(roots) ** 2
 
 
+def cantilever_with_end_mass(ratio: float) -> float:
+    """Lowest omega L^2 sqrt(rho A / EI) with a point mass of `ratio` rho A L at the free end.
+
+    1 + cos(b) cosh(b) = ratio b (sin(b) cosh(b) - cos(b) sinh(b)).
+    """
+
+    def characteristic(b: float) -> float:
+        shear = np.sin(b) * np.cosh(b) - np.cos(b) * np.sinh(b)
+        return float(1.0 + np.cos(b) * np.cosh(b) - ratio * b * shear)
+
+    return float(brentq(characteristic, 1e-3, 2.0, xtol=ROOT_TOLERANCE) ** 2)
+
+
 def cantilever_axial_frequencies(count: int) -> Array:
     """Clamped-free omega L sqrt(rho / E) = (2 n - 1) pi / 2. Torsion: E -> G."""
     return np.asarray((np.arange(count) + 0.5) * np.pi, dtype=float)
