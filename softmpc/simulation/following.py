@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.errors import BuildError
 from softmpc.model.model import Model
 from softmpc.simulation.drive_motion import DriveMotion
 from softmpc.simulation.integrator import IntegrationError, Interval
@@ -15,9 +16,17 @@ __all__ = ["Following"]
 
 
 class Following:
-    """Integrator of a model of order 0: only the drive moves in time, and that exactly."""
+    """Integrator of a model of order 0: only the drive moves in time, and that exactly.
+
+    Raises `BuildError` for a drive that is not linear or that the arm acts back on.
+    """
 
     def __init__(self, model: Model) -> None:
+        if not model.drive_is_linear:
+            raise BuildError(
+                "an arm without inertia and damping follows a linear drive only: leave out "
+                f"{', '.join(model.drive_nonlinear)}, or add the effect 'material_damping'"
+            )
         self.model = model
         self.drive = DriveMotion(model.drive, model.layout.z.scale)
 
