@@ -73,7 +73,7 @@ def _render(
     """The moments `picks` as images (height × width × 3)."""
     arm = Arm(model)
     traces = np.asarray(model.frames.map(len(q))(q.T)[0]).T.reshape(len(q), -1, 3)
-    traced = np.unique(np.append(np.linspace(0, len(q) - 1, MOST_POINTS).round(), picks)).astype(int)
+    traced = np.union1d(np.linspace(0, len(q) - 1, MOST_POINTS).round().astype(int), picks)
     shapes = [arm.sections(q[k]) for k in picks]
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, *([] if reference is None else [reference]), margin=1.5 * max(arm.radii))

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.view.motion import thinned
 from softmpc.view.style import ALARM, GREY, INK, figure, label, legend_right, styled
 from softmpc.view.time_plots import TIME
 
@@ -25,7 +24,7 @@ def energy_figure(audit: Any, title: str = "Energy") -> Figure:
     """Changes of the energies and the works over time, and the balance error; of an `Audit`."""
     made = figure(9.0, 5.6, title)
     axes = made.subplots(3, 1, sharex=True, height_ratios=(2.0, 2.0, 1.0))
-    time = thinned(audit.time)
+    time = audit.time
     changes = {name: energy - energy[0] for name, energy in audit.energies.items()}
     _draw_terms(axes[0], time, changes, "-", "energy of the arm, change since the start")
     _draw_terms(axes[1], time, audit.works, "--", "work put into the arm")
@@ -43,10 +42,10 @@ def _draw_terms(
 ) -> None:
     for k, (name, values) in enumerate(terms.items()):
         look: dict[str, Any] = {"color": TERMS[k % len(TERMS)], "linestyle": line}
-        axes.plot(time, thinned(values), **look, label=name.replace("_", " "))
+        axes.plot(time, values, **look, label=name.replace("_", " "))
     total = sum(terms.values(), np.zeros(1))
     if len(terms) > 1:
-        axes.plot(time, thinned(total), color=INK, linewidth=2.0, linestyle=line, label="sum")
+        axes.plot(time, total, color=INK, linewidth=2.0, linestyle=line, label="sum")
     label(axes, TIME, "energy (J)", title)
 
 
@@ -56,7 +55,7 @@ def _draw_error(axes: Axes, time: np.ndarray, audit: Any) -> None:
         label(axes, TIME, "error (10⁻⁶)", f"no balance: {audit.missing[0].partition(';')[0]}")
         axes.plot(time[[0, -1]], [0.0, 0.0], color=GREY, linewidth=0.8, label="no error known")
         return
-    millionths = 1e6 * thinned(audit.error) / audit.turnover
+    millionths = 1e6 * audit.error / audit.turnover
     axes.plot(time, millionths, color=ALARM, linewidth=1.1, label="error")
     largest = f"at most {audit.closure:.1e} of {audit.turnover:.3g} J"
     label(axes, TIME, "error (10⁻⁶)", f"sum of energies less sum of works: {largest}")

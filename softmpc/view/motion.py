@@ -7,8 +7,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, even_ticks, space
-from softmpc.view.style import GREY, INK, TRACE, colour, dash, figure, label, styled, width
-from softmpc.view.time_plots import TIME
+from softmpc.view.style import (
+    GREY,
+    INK,
+    TRACE,
+    colour,
+    dash,
+    figure,
+    label,
+    legend_right,
+    styled,
+    width,
+)
+from softmpc.view.time_plots import MOST_NAMES, TIME
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,14 +37,14 @@ CURVATURES = {"kappa_x": "κx", "kappa_y": "κy", "kappa_z": "κz (twist)"}
 @styled
 def motion_figure(model: Model, motion: Any, title: str = "Motion") -> Figure:
     """Where the arm goes, how it bends and how fast its tips are; `motion` is a `Simulation`."""
-    made = figure(11.5, 4.9, title)
+    made = figure(12.5, 4.9, title)
     arm, tips = Arm(model), thinned(motion.tips)
     shapes = [arm.sections(q) for q in motion.q[_moments(tips, len(motion.time))]]
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, tips, margin=1.2 * max(arm.radii))
     gap = 0.12  # for the name of the z axis, of which the layout does not know
-    grid = made.add_gridspec(2, 4, width_ratios=(1.25, gap, 0.9, 1.5))
-    _draw_space(space(made, grid[:, 0], box, arm.hangs, (16, -64), 1.12), arm, shapes, tips)
+    grid = made.add_gridspec(2, 4, width_ratios=(1.25, gap, 0.9, 1.4))
+    _draw_space(space(made, grid[:, 0], box, arm.hangs, (16, -64), 1.02), arm, shapes, tips)
     plane = made.add_subplot(grid[:, 2])
     _draw_plane(plane, shapes, tips, arm.hangs, box)
     over_time = [made.add_subplot(grid[row, 3]) for row in (0, 1)]
@@ -115,29 +126,31 @@ def _draw_plane(
 
 def _draw_curvatures(axes: Axes, model: Model, motion: Any) -> None:
     """Curvatures of each section's first segment that move at all; all of them if none does."""
-    scene, time = model.scene, thinned(motion.time)
+    scene = model.scene
     kinds = [kind for kind in scene.strains if kind in CURVATURES]
     curves = {
-        (s, kind): thinned(motion[f"{kind}_{s + 1}_1"])
+        (s, kind): motion[f"{kind}_{s + 1}_1"]
         for s in range(len(scene.manipulator.sections))
         for kind in kinds
     }
     sizes = {key: np.abs(curve).max() for key, curve in curves.items()}
     shown = [key for key, size in sizes.items() if size >= 1e-3 * max(sizes.values())]
     kinds = [kind for kind in kinds if kind in {of for _, of in shown}]
-    part = f", segment 1 of {scene.segments}" if scene.segments > 1 else ""
+    part = ".1" if scene.segments > 1 else ""
     for s, kind in shown:
         look = {"color": colour(s), "linestyle": dash(kinds.index(kind)), "linewidth": width(s)}
-        axes.plot(time, curves[s, kind], **look, label=f"{CURVATURES[kind]}, section {s + 1}{part}")
-    label(axes, TIME, "curvature (1/m)", "curvatures")
+        axes.plot(
+            motion.time, curves[s, kind], **look, label=f"{CURVATURES[kind]}, section {s + 1}{part}"
+        )
+    title = "curvatures" + (" of each section's first segment" if part else "")
+    label(axes, TIME, "curvature (1/m)", title)
     _legend(axes)
 
 
 def _draw_speeds(axes: Axes, motion: Any) -> None:
-    time = thinned(motion.time)
-    for s, speeds in enumerate(thinned(motion.tip_speeds).T):
+    for s, speeds in enumerate(motion.tip_speeds.T):
         look = {"color": colour(s), "linestyle": dash(s), "linewidth": width(s)}
-        axes.plot(time, speeds, **look, label=f"tip of section {s + 1}")
+        axes.plot(motion.time, speeds, **look, label=f"tip {s + 1}")
     axes.set_ylim(bottom=0.0)
     label(axes, TIME, "speed (m/s)", "speeds of the section tips")
     _legend(axes)
@@ -145,5 +158,5 @@ def _draw_speeds(axes: Axes, motion: Any) -> None:
 
 def _legend(axes: Axes) -> None:
     axes.margins(x=0.01)
-    if 0 < len(axes.get_legend_handles_labels()[1]) <= 6:
-        axes.legend(loc="best")
+    if 0 < len(axes.get_legend_handles_labels()[1]) <= MOST_NAMES:
+        legend_right(axes)
