@@ -193,7 +193,7 @@ def _proposed(proposal: Proposal, data: dict[str, Any]) -> str:
         f"{proposal.speed_factor:.2f} times as fast",
         *(f"  {name}" for name in proposal.changes or ("the scene as given",)),
     ]
-    lines += [f"  left in, for it saves no time beside these: {name}" for name in proposal.undone]
+    lines += [f"  left in, for it saves nothing beside these: {name}" for name in proposal.undone]
     finer = [r for r in data["rows"] if r["kind"] == "finer" and "max_error_m" in r]
     beyond = [r for r in finer if max(r["max_errors_by_section_m"]) > proposal.tolerance_m]
     lines += [

@@ -18,7 +18,8 @@ from softmpc.study.measure import Cost, Errors
 
 __all__ = ["Proposal", "propose", "write_proposal"]
 
-WORTH = 0.98  # of the time: what saves less than 2 % is kept in the scene
+WORTH = 0.98  # what saves less than 2 % of time or instructions, and no state, saves nothing
+NOISE = 1.05  # two medians of equal times differ by less
 Progress = Callable[[float, float], None]
 
 
@@ -33,7 +34,7 @@ class Proposal:
     scene: Scene
     tolerance_m: float
     changes: tuple[str, ...]
-    undone: tuple[str, ...]  # within the tolerance, but they saved no time beside the others
+    undone: tuple[str, ...]  # within the tolerance, but they saved nothing beside the others
     tried: dict[str, float | None]  # change -> m, None where the combination could not run
     errors: Errors
     cost: Cost
@@ -69,14 +70,15 @@ def propose(ablation: Ablation, tolerance_m: float, progress: Progress | None = 
     """The cheapest scene within `tolerance_m` (m) at every section tip over the whole motion.
 
     Changes that stay within it alone are combined in the order of what they save, each kept where
-    the combination, run, stays within. Then those are undone that save no time beside the others.
+    the combination, run, stays within. Then those are undone that save nothing beside the others.
     The scene as given comes back where nothing helps; `within` is false where it is not itself
     integrated within the tolerance. Raises `KeyboardInterrupt` when interrupted.
     """
     if not tolerance_m > 0:
         raise InputError(f"tolerance = {tolerance_m!r} m: must be above 0")
     search = _Search(ablation.baseline, tolerance_m)
-    candidates = sorted(_candidates(ablation, tolerance_m), key=lambda row: row.time_ratio)
+    base = ablation.baseline.cost
+    candidates = sorted(_candidates(ablation, tolerance_m), key=lambda row: _order(row, base))
     for number, row in enumerate(candidates, 1):
         search.take(row.change)
         if progress:
@@ -106,7 +108,7 @@ def write_proposal(
 
 
 def _candidates(ablation: Ablation, tolerance_m: float) -> list[Row]:
-    """Rows that save time with no larger a model and stay within the tolerance."""
+    """Rows that save something and stay within the tolerance."""
     base = ablation.baseline.cost
     return [
         row
@@ -115,10 +117,21 @@ def _candidates(ablation: Ablation, tolerance_m: float) -> list[Row]:
         and row.errors
         and row.change.kind not in (FINER, ADDED)
         and row.errors.worst <= tolerance_m
-        and row.time_ratio < WORTH
-        and row.cost.instructions <= base.instructions
-        and row.cost.states <= base.states
+        and _saves(row.cost, base, row.time_ratio)
     ]
+
+
+def _order(row: Row, base: Cost) -> float:
+    """What a row leaves of time and instructions; the smallest is tried first."""
+    return row.time_ratio * row.cost.instructions / base.instructions if row.cost else 1.0
+
+
+def _saves(cost: Cost, before: Cost, time_ratio: float) -> bool:
+    """Whether a model saves time, instructions or states, and is larger or slower in none."""
+    instructions = cost.instructions / before.instructions
+    if instructions > 1 or cost.states > before.states or time_ratio > NOISE:
+        return False
+    return time_ratio <= WORTH or instructions <= WORTH or cost.states < before.states
 
 
 class _Search:
@@ -137,7 +150,7 @@ class _Search:
         self.tried[change.name] = self._try([*self.kept, change])
 
     def back_off(self) -> tuple[str, ...]:
-        """Undo changes that save no time beside the others, the smallest savings first."""
+        """Undo changes that save nothing beside the others, the smallest savings first."""
         undone = []
         for change in reversed(self.kept.copy()):
             before, kept = self.model, self.kept
@@ -146,7 +159,7 @@ class _Search:
             if error is None or error > self.tolerance_m:
                 continue
             own, beside = self.baseline.runner.wall_s(before, self.model)
-            if own <= WORTH * beside:
+            if _saves(Cost.of(before, own), Cost.of(self.model, beside), own / beside):
                 self.model, self.kept = before, kept
             else:
                 undone.append(change.name)
