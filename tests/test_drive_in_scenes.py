@@ -145,7 +145,7 @@ def test_an_arm_that_follows_at_once_needs_a_linear_drive() -> None:
     still = steps([0, 0.05, 0.05], [0, 0, 0.5])
     done = simulate(model(effects=(TubeInertance(),)), still, 0.2)
     assert done.status == "finished"
-    with pytest.raises(BuildError, match="leave out chamber_coupling, or add.*material_damping"):
+    with pytest.raises(BuildError, match=r"leave out chamber_coupling, or add.*material_damping"):
         simulate(model(effects=(ChamberCoupling(),)), still, 0.2)
 
 

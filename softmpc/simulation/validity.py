@@ -137,7 +137,7 @@ def _inertance(s: _Samples) -> Iterator[DriveWarning]:
     if value > limit:
         said = (
             f"(34) has no inertance, but to change the flow as at t = {time:.3g} s, unit "
-            f"{unit + 1}, takes {value / 1e6:.2g} MPa: add the effect tube_inertance"
+            f"{unit + 1}, takes {value / 1e6:.3g} MPa: add the effect tube_inertance"
         )
         where, name = f"unit {unit + 1}", TubeInertance.name
         yield DriveWarning("inertance", time, where, value, limit, "Pa", name, said)
