@@ -26,7 +26,10 @@ def settling_time(motion: Any, band: float = BAND) -> float:
     away = np.linalg.norm(tip - tip[-1:], axis=1)
     if len(time) < 2 or away.max() < SMALLEST:
         return float("nan")
-    settled = float(time[np.flatnonzero(away > band * away.max())[-1] + 1])
+    beyond = away - band * away.max()
+    last = int(np.flatnonzero(beyond > 0)[-1])
+    share = beyond[last] / (beyond[last] - beyond[last + 1])  # of the sample time, to the crossing
+    settled = float(time[last] + share * (time[last + 1] - time[last]))
     taken = max(settled - over, 0.0)
     return taken if time[-1] - settled >= taken else float("nan")
 
