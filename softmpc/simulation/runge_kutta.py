@@ -112,7 +112,8 @@ class RungeKutta:
         h = self._first_step(given)
         head = [0.0, h, h, 0.0, 0.0, 0.0]
         carry = np.concatenate([head, given.q, dq, z, y, np.tile(y, self.tableau.stages)])
-        return carry, np.concatenate([[given.duration, self.tolerance], coefficients])
+        longest = h if self.step is not None else given.duration
+        return carry, np.concatenate([[given.duration, self.tolerance, longest], coefficients])
 
     def _first_step(self, given: Interval) -> float:
         if self.step is not None:

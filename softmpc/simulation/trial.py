@@ -21,6 +21,7 @@ from softmpc.simulation.tableau import Tableau
 
 __all__ = ["MOST_FAILURES", "Carry", "Trials"]
 
+HEAD = 3  # numbers in `given` before the coefficients of the input
 MOST_FAILURES = 12  # steps refused in a row
 # Most Newton iterations, and the contraction at which they are given up. A shorter step is cheaper
 # than slow iterations; a step that is given has no such choice.
@@ -62,7 +63,10 @@ class Carry:
 
 
 class Trials:
-    """Trials of one method for one system; `adaptive` or with a step that is given."""
+    """Trials of one method for one system; `adaptive` or with a step that is given.
+
+    A step that is given is kept wherever its stages can be solved, and halved where not.
+    """
 
     def __init__(self, system: System, tableau: Tableau, adaptive: bool) -> None:
         self.system, self.tableau, self.adaptive = system, tableau, adaptive
@@ -71,8 +75,8 @@ class Trials:
 
     @property
     def given_size(self) -> int:
-        """Length of `given`: end (s), tolerance (m), and coefficients of the input over time."""
-        return 2 + self.system.coefficients
+        """Length of `given`: end (s), tolerance (m), longest step (s), the input's coefficients."""
+        return HEAD + self.system.coefficients
 
     def many(self, count: int) -> ca.Function:
         """(carry, given) -> the carry after each of `count` trials (size×count)."""
@@ -98,13 +102,13 @@ class Trials:
         now = self.carry.unpack(carry)
         h, last = self._length(now, given)
         start = Start(now["q"], now["dq"], now["z"], h)
-        blocks = self.system.blocks(
-            start.q, start.dq, start.z, now["y"], self.system.input(given[2:], now["t"])
-        )
+        w = ca.horzcat(*(self.system.input(given[HEAD:], now["t"] + c * h) for c in self.tableau.c))
+        guess = self._predicted(now, h)
+        middle = [x[:, self.tableau.stages // 2] for x in (*self.stages.at(start, guess), guess, w)]
+        blocks = self.system.blocks(*middle)
         inverses = self.stages.inverses(list(blocks), h)
-        w = ca.horzcat(*(self.system.input(given[2:], now["t"] + c * h) for c in self.tableau.c))
         wanted = NEWTON * given[1]
-        y, solved, used = self.stages.newton(start, self._predicted(now, h), w, inverses, wanted)
+        y, solved, used = self.stages.newton(start, guess, w, inverses, wanted)
         error = ca.MX(0.0)
         if self.adaptive:
             error = self._error(now["y"], y, blocks[0], inverses, h) / given[1]
@@ -115,7 +119,7 @@ class Trials:
             dq = end[: self.system.n]
         after = {
             "t": ca.if_else(last, given[0], now["t"] + h),
-            "h": self._next(now, h, error, solved, accepted),
+            "h": self._next(now, given, h, error, solved, accepted),
             "h_before": h,
             "failures": 0.0,
             "refused": now["refused"],
@@ -138,9 +142,11 @@ class Trials:
             h = ca.if_else(remaining < 2 * h, remaining / 2, h)
         return ca.if_else(last, remaining, h), last
 
-    def _next(self, now: dict[str, Any], h: Any, error: Any, solved: Any, accepted: Any) -> Any:
+    def _next(
+        self, now: dict[str, Any], given: Any, h: Any, error: Any, solved: Any, accepted: Any
+    ) -> Any:
         if not self.adaptive:
-            return now["h"]
+            return ca.if_else(solved, ca.fmin(2 * now["h"], given[2]), now["h"] / 2)
         power = 1 / (self.tableau.stages + self.system.order)
         factor = SAFETY * (1 / ca.fmax(error, 1e-12)) ** power
         highest = ca.if_else(now["failures"] > 0, 1.0, GROW)
