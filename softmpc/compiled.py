@@ -143,11 +143,11 @@ def _compiled(function: ca.Function, largest: int | None) -> ca.Function:
         )  # fmt: skip
     code = c_code(function)
     key = _key(code, found)
-    kept = library_cache.find(function.name(), key)
-    if kept:
+    library = library_cache.find(function.name(), key)
+    if library:
         with suppress(RuntimeError):
-            return _load(function, kept)
-        LOG.warning("%s cannot be loaded and will be built again", kept)
+            return _load(function, library)
+        LOG.warning("%s cannot be loaded and will be built again", library)
     return _built(function, code, key, found)
 
 
