@@ -13,10 +13,14 @@ from arms import numbers as num
 from numpy.testing import assert_allclose
 
 from softmpc.errors import ParameterError, SceneError
+from softmpc.model.actuation import PressureDrive
 from softmpc.model.contact import Contact, ContactPush
 from softmpc.model.effects import Effect, EnvironmentDamping, Gravity, MaterialDamping, TipLoad
-from softmpc.model.model import Model
+from softmpc.model.model import Model, build
 from softmpc.model.obstacles import Cylinder, Obstacle, Plane
+from softmpc.model.scene import Scene
+from softmpc.simulation.inputs import InputProfile, Step
+from softmpc.simulation.run import simulate
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 
 RADIUS = 0.0323  # of the arm's envelope
@@ -166,6 +170,20 @@ def test_a_wall_stops_the_bending_arm(x: float, stiffness: float) -> None:
     assert 0 < deep < 1e-3 + 10 / stiffness
     energy = float(m.energies(q=found.q, dq=0)["contact"])
     assert 0 < energy < 20 * deep
+
+
+def test_a_moving_arm_comes_to_rest_at_the_wall() -> None:
+    """Swung against it, and after three seconds where the statics say."""
+    wall = Contact((Plane((-0.15, 0.0, 0.0), (1.0, 0.0, 0.0)),))
+    scene = Scene(PAPER, actuation=PressureDrive())
+    m = build(scene.with_(effects=(*scene.effects, wall)))
+    steps = [Step(unit, 0.1, p) for unit, p in ((1, 0.6e6), (5, 0.3e6), (6, 0.3e6))]
+    motion = simulate(m, InputProfile.of(6, steps), 3.0)
+    assert motion.status == "finished"
+    deepest = -0.15 + RADIUS - motion.tips[:, -1, 0].min()
+    rest = find_equilibrium(m, np.array(BENT))
+    assert rest.tips[-1][0] - 5e-3 < -0.15 + RADIUS - deepest < rest.tips[-1][0]
+    assert_allclose(motion.tips[-1, -1], rest.tips[-1], atol=2e-5)
 
 
 def test_a_tube_holds_the_arm() -> None:

@@ -2,8 +2,8 @@
 
     python -m tests.benchmarks.instructions [--ad N]
 
-For 1, 2, 4 and 8 segments a section of the paper's arm, with and without rotary inertia:
-instructions and microseconds a call (median) of the residual, of its derivative along one direction
+For 1, 2, 4 and 8 segments a section of the paper's arm, with and without rotary inertia, and in
+water: instructions and microseconds a call (median) of the residual, of its derivative along one direction
 (`residual_along`, linear in the segments), of its Jacobian in (q, dq, ddq) by
 recursion and by plain automatic differentiation (up to N segments, 8 unless told), and of
 M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over that by recursion.
@@ -18,7 +18,16 @@ from statistics import median
 import casadi as ca
 import numpy as np
 
-from softmpc.model.effects import Coriolis, Effect, Gravity, Inertia, RotaryInertia
+from softmpc.model.effects import (
+    AddedMass,
+    Buoyancy,
+    Coriolis,
+    Effect,
+    FluidDrag,
+    Gravity,
+    Inertia,
+    RotaryInertia,
+)
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
@@ -26,6 +35,10 @@ from softmpc.model.scene import Scene
 EFFECTS: dict[str, tuple[Effect, ...]] = {
     "without rotary inertia": (Gravity(), Inertia(), Coriolis()),
     "with rotary inertia": (Gravity(), Inertia(), Coriolis(), RotaryInertia()),
+    "with rotary inertia, in water": (
+        *(Gravity(), Inertia(), Coriolis(), RotaryInertia()),
+        *(Buoyancy(), FluidDrag(), AddedMass()),
+    ),
 }
 COLUMNS = (
     "segments",
