@@ -272,9 +272,38 @@ def test_simulate(scene: Scene, tmp_path: Path) -> None:
     assert data["duration_s"] == pytest.approx(0.3)
     assert data["realtime_factor"] == pytest.approx(0.3 / data["wall_s"])
     assert np.shape(data["final_tips_m"]) == (1, 3)
-    pictures = {"tips.png", "strains.png", "pressures_torques.png", "simulation.gif"}
+    curves = {"tips.png", "strains.png", "pressures_torques.png"}
+    pictures = curves | {"motion.png", "simulation.gif"}
     assert files(out) == pictures | {"simulate.json", "simulation.csv", "simulation.npz"}
     assert Simulation.load(out / "simulation.npz").title == "Swing"
+
+
+def test_simulate_tells_how_it_comes_to_rest(scene: Scene) -> None:
+    path = scene(SWING.replace("duration = 0.3", "duration = 2.0"))
+    data = answer("simulate", path)
+    assert 0 < data["settling_s"] < 1
+    assert 0 <= data["overshoot"] < 1
+    said = softmpc("simulate", path).stdout
+    assert f"within 2 % of its way  {data['settling_s']:.2f} s after the input" in said
+    assert f"{100 * data['overshoot']:.1f} %" in said
+
+
+def test_simulate_audit(scene: Scene, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("simulate", scene(SWING), "--audit", "--no-animate")
+    data = answer(*words, "--out", str(out))["audit"]
+    assert data["closure"] < 1e-4
+    assert data["missing"] == []
+    assert {"energy.png", "energy.csv"} <= files(out)
+    header, *rows = (out / "energy.csv").read_text().splitlines()
+    assert header.startswith("t [s],")
+    assert header.endswith("error [J]")
+    last = dict(zip(header.split(","), map(float, rows[-1].split(",")), strict=True))
+    assert last["drive_work [J]"] == data["work_j"]["drive"]
+    said = softmpc(*words).stdout
+    assert "energy balance closes" in said
+    lawless = scene(SWING.replace("[model]", '[model]\nelasticity = "strain"'))
+    assert "no energy balance" in softmpc("simulate", lawless, "--audit").stdout
 
 
 def test_simulate_shorter_and_still(scene: Scene, tmp_path: Path) -> None:

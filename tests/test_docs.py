@@ -110,14 +110,17 @@ def test_scene_reference_is_current() -> None:
     assert page == reference_page(), "run python docs/make_scene_reference.py"
 
 
-def test_pictures_are_made(tmp_path: Path) -> None:
-    script = ROOT / "docs" / "make_images.py"
-    command = [sys.executable, "-W", "error", str(script), str(tmp_path)]
+@pytest.mark.parametrize(
+    ("script", "page"),
+    [("make_images.py", "conventions.md"), ("make_motion_images.py", "simulation.md")],
+)
+def test_pictures_are_made(script: str, page: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-W", "error", str(ROOT / "docs" / script), str(tmp_path)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     subprocess.run(command, env=environment, check=True, capture_output=True)
     made = {path.name for path in tmp_path.iterdir()}
-    page = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
-    assert made == {Path(target).name for target in links(page) if target.endswith(".png")}
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    assert made == {Path(target).name for target in links(text) if target.endswith(".png")}
     assert made <= {path.name for path in (ROOT / "docs" / "images").iterdir()}
 
 
