@@ -35,7 +35,7 @@ from softmpc.model.scene_file import read_document, save_scene, scene_to_dict, w
 from softmpc.simulation.inputs import InputProfile, Step
 from softmpc.simulation.run import simulate, simulate_file
 from softmpc.simulation.settings import SimulationSettings
-from softmpc.study.ablate import Ablation, Row, ablate, ablate_file, read_study
+from softmpc.study.ablate import Ablation, Baseline, Row, ablate, ablate_file, read_study
 from softmpc.study.changes import adding, driving, without
 from softmpc.study.lengths import length_m, length_text
 from softmpc.study.measure import Cost, Runner
@@ -71,9 +71,25 @@ def planar(**changes: object) -> Scene:
     return Scene(ONE, **slots)  # type: ignore[arg-type]
 
 
+IN_SPACE = planar(strains=("epsilon", "kappa_x", "kappa_y"))
+
+
 @pytest.fixture(scope="module")
 def found() -> Ablation:
     return ablate(planar(), BENDING, title="bending")
+
+
+def scene_file(folder: Path) -> Path:
+    path = folder / "scene.toml"
+    save_scene(IN_SPACE, path)
+    path.write_text('title = "bending"\n' + path.read_text(encoding="utf-8") + MOTION, "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def in_space(tmp_path_factory: pytest.TempPathFactory) -> Ablation:
+    """The same motion, which stays in a plane, of an arm that could leave it."""
+    return ablate_file(scene_file(tmp_path_factory.mktemp("scene")))
 
 
 def row_of(found: Ablation, start: str) -> Row:
@@ -143,10 +159,11 @@ def test_numerical_floor_is_far_below_the_rows(found: Ablation) -> None:
 def test_an_effect_without_coefficient_changes_nothing() -> None:
     still = replace(ONE.sections[0], linear_damping=0.0, angular_damping=0.0)
     scene = planar().with_(manipulator=arm(still))
-    found = ablate(scene, BENDING)
-    errors = row_of(found, f"without {EnvironmentDamping.name}").errors
+    (change,) = (c for c in variants(scene) if c.name == f"without {EnvironmentDamping.name}")
+    baseline = Baseline.of(scene, Runner(BENDING))
+    errors = baseline.row(change).errors
     assert errors is not None
-    assert errors.worst <= found.baseline.floor_m
+    assert errors.worst <= baseline.floor_m
 
 
 def test_stretch_by_a_load_in_closed_form() -> None:
@@ -162,9 +179,8 @@ def test_stretch_by_a_load_in_closed_form() -> None:
     assert errors.rms[0] == pytest.approx(stretch, rel=1e-9)
 
 
-def test_what_cannot_run_is_a_row_with_its_reason() -> None:
-    scene = planar(strains=("epsilon", "kappa_x", "kappa_y"))
-    found = ablate(scene, BENDING)
+def test_what_cannot_run_is_a_row_with_its_reason(in_space: Ablation) -> None:
+    found = in_space
     row = row_of(found, "planar, bending about x only")
     assert "the motion is not planar: kappa_y up to" in row.status
     assert (row.errors, row.cost) == (None, None)
@@ -248,18 +264,13 @@ def test_added_effects_bring_what_they_need() -> None:
 # ---------------------------------------------------------------- proposals
 
 
-def scene_file(folder: Path, motion: str = MOTION) -> Path:
-    path = folder / "scene.toml"
-    save_scene(planar(strains=("epsilon", "kappa_x", "kappa_y")), path)
-    path.write_text('title = "bending"\n' + path.read_text(encoding="utf-8") + motion, "utf-8")
-    return path
-
-
 @pytest.mark.parametrize("tolerance", [2e-3, 2e-2])
-def test_proposed_scene_is_within_the_tolerance(tmp_path: Path, tolerance: float) -> None:
+def test_proposed_scene_is_within_the_tolerance(
+    tmp_path: Path, in_space: Ablation, tolerance: float
+) -> None:
     """Its file, run by IDAS beside the scene as given."""
     path = scene_file(tmp_path)
-    proposal = propose(ablate_file(path), tolerance)
+    proposal = propose(in_space, tolerance)
     target = write_proposal(proposal, read_document(path), tmp_path, tmp_path / "out")
     exact = {"method": "idas", "tolerance": 1e-10}
     given, cheap = (simulate_file(file, **exact) for file in (path, target))

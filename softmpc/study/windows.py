@@ -12,8 +12,6 @@ from softmpc.simulation.result import Simulation
 
 __all__ = ["Window", "choose_windows", "later", "mapped_state"]
 
-ENOUGH = 0.9  # of the motion in the liveliest window: among those, the one that starts calmest
-
 
 @dataclass(frozen=True)
 class Window:
@@ -33,9 +31,9 @@ class Window:
 def choose_windows(motion: Simulation, length: float, count: int = 1) -> list[Window]:
     """Up to `count` windows of `length` s with the fastest motion, which do not overlap.
 
-    The measure is the integral of the squared speeds of all section tips. Of windows that hold
-    nearly as much of it, the one that starts calmest is taken: what went before is seen least.
-    One window is the whole motion where that is no longer.
+    The measure is the integral of the squared speeds of all section tips, less what it would be at
+    the speed at the start: a window that starts calm sees most of what builds up in it. The only
+    window is the whole motion where that is no longer.
     """
     time = motion.time
     energy = np.sum(motion.tip_speeds**2, axis=1)
@@ -61,9 +59,9 @@ def _liveliest(
     if not pairs:
         return None
     steps = np.concatenate([[0.0], np.cumsum(np.diff(time) * (energy[1:] + energy[:-1]) / 2)])
-    inside = np.array([steps[b] - steps[a] for a, b in pairs])
-    good = [pair for pair, held in zip(pairs, inside, strict=True) if held >= ENOUGH * inside.max()]
-    first, last = min(good, key=lambda pair: energy[pair[0]])
+    first, last = max(
+        pairs, key=lambda pair: steps[pair[1]] - steps[pair[0]] - length * energy[pair[0]]
+    )
     return Window(int(first), last, float(time[first]), float(time[last]))
 
 
