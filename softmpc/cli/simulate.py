@@ -14,6 +14,7 @@ from softmpc.cli.common import (
     animation_option,
     answering,
     load,
+    notice,
     progress,
     row,
     scene_argument,
@@ -32,6 +33,13 @@ __all__ = ["command"]
 @click.option(
     "--duration", type=float, metavar="S", help="Simulate this long, not what the scene says."
 )
+@click.option(
+    "--method", metavar="NAME", help="Integrate by radau, radau-2, gauss, gauss-2, idas or cvodes."
+)
+@click.option(
+    "--tip-tolerance", metavar="LENGTH", help="Error of a step at the tip, such as 0.01mm (radau)."
+)
+@click.option("--step", type=float, metavar="S", help="Keep this step (radau, gauss).")
 @click.option("--audit", is_flag=True, help="Add up energies and works: does the balance close?")
 @click.option(
     "--certify",
@@ -43,6 +51,9 @@ __all__ = ["command"]
 def command(
     scene: Path,
     duration: float | None,
+    method: str | None,
+    tip_tolerance: str | None,
+    step: float | None,
     audit: bool,
     certify: bool,
     animate: bool,
@@ -52,10 +63,13 @@ def command(
     from softmpc.simulation.run import simulate_file
 
     changes = {} if duration is None else {"duration": duration}
+    changes |= _method(method, tip_tolerance, step)
     with progress("simulating", "ms") as report:
         done = simulate_file(
             scene, lambda t, end: report(round(1e3 * t), round(1e3 * end)), **changes
         )
+    for warning in done.warnings:
+        notice(f"warning: {warning.text}")
     data = {"title": done.title, **done.summary()}
     if out:
         done.save(out)
@@ -71,6 +85,21 @@ def command(
         return Answer(data, _text(data))
     status = INTERRUPTED if done.status == "interrupted" else NOT_CONVERGED
     return Answer(data, _text(data), status, f"{done.status} at t = {done.duration_s:g} s")
+
+
+def _method(name: str | None, tip_tolerance: str | None, step: float | None) -> dict[str, Any]:
+    """What the command line says in place of the scene file's method and its numbers."""
+    from softmpc.simulation.methods import Method
+    from softmpc.study.lengths import length_m
+
+    if name is None and tip_tolerance is None and step is None:
+        return {}
+    given: dict[str, Any] = {"step": step, "tolerance": None, "tip_tolerance": None}
+    if tip_tolerance is not None:
+        given["tip_tolerance"] = length_m(tip_tolerance)
+    name = name or "radau"
+    Method(name, given["tip_tolerance"], None, step)  # says what does not go together
+    return {"method": name, **given}
 
 
 def _draw(out: Path, scene: Path, done: Simulation, animate: bool) -> None:
@@ -134,7 +163,9 @@ def _text(data: dict[str, Any]) -> str:
     for i, tip in enumerate(data["final_tips_m"], 1):
         rows.append((f"final tip of section {i} (m)", row(tip)))
     if data["settling_s"] == data["settling_s"]:  # not nan
-        rows.append(("at rest within 2 % of its way", f"{data['settling_s']:.2f} s after the input"))
+        rows.append(
+            ("at rest within 2 % of its way", f"{data['settling_s']:.2f} s after the input")
+        )
         rows.append(("overshoot of the tip", f"{100 * data['overshoot']:.1f} %"))
     rows += _energy_rows(data.get("audit"))
     if data.get("certificate"):
@@ -147,7 +178,9 @@ def _energy_rows(audit: dict[str, Any] | None) -> list[tuple[str, object]]:
     if audit is None:
         return []
     changes = [(f"{name} energy", value) for name, value in audit["energy_change_j"].items()]
-    works = [(f"work of {name.replace('_', ' ')}", value) for name, value in audit["work_j"].items()]
+    works = [
+        (f"work of {name.replace('_', ' ')}", value) for name, value in audit["work_j"].items()
+    ]
     rows: list[tuple[str, object]] = [(f"{n} (J)", row([value])) for n, value in changes + works]
     if audit["missing"]:
         return [*rows, *(("no energy balance", reason) for reason in audit["missing"])]
