@@ -95,8 +95,25 @@ def _checked(mode: str, what: str) -> str:
 
 def instructions(function: ca.Function) -> int:
     """Instructions of a function and of all that it calls, each counted once, as in its C code."""
-    every = [function, *function.find_functions()]
-    return sum(f.n_instructions() for f in every if f.class_name() in ("SXFunction", "MXFunction"))
+    return sum(
+        f.n_instructions()
+        for f in _all_of(function)
+        if f.class_name() in ("SXFunction", "MXFunction")
+    )
+
+
+def _all_of(function: ca.Function) -> list[ca.Function]:
+    """The function and all that it calls, at any depth, once each."""
+    found: dict[int, ca.Function] = {}
+    waiting = [function]
+    while waiting:
+        one = waiting.pop()
+        if hash(one) not in found:
+            found[hash(one)] = one
+            waiting += one.find_functions()
+            if one.class_name().endswith("Map"):  # CasADi 3.7 does not look into these
+                waiting.append(one.info()["f"])
+    return [*found.values()]
 
 
 def c_code(function: ca.Function) -> str:
@@ -106,7 +123,7 @@ def c_code(function: ca.Function) -> str:
     """
     import casadi as ca
 
-    inside = [f.name() for f in function.find_functions() if f.class_name() == "External"]
+    inside = [f.name() for f in _all_of(function) if f.class_name() == "External"]
     if inside:
         raise _no_code(function, f"it calls compiled ones ({', '.join(inside)}); compile last")
     generator = ca.CodeGenerator("softmpc_local.c")  # prefixes all names but the function's own

@@ -511,12 +511,18 @@ def by_lapack() -> ca.Function:
     return Function("lapack", [A], [ca.solve(A, ca.DM([1, 2]), "lapackqr")])
 
 
+def mapping_a_compiled_one() -> ca.Function:
+    x = MX("x", 3, 4)
+    return Function("outer", [x], [compiled(simple()).map(4)(x)[0]])
+
+
 HOPELESS = {
     "callback": (lambda: calling(Callback()), "CallbackInternal"),
     "integrator": (lambda: calling(adaptive()), "CvodesInterface"),
     "optimiser": (lambda: calling(optimiser()), "needs other libraries: coin-or"),
     "lapack": (by_lapack, "LapackQr does not support code generation"),
     "compiled inside": (lambda: calling(compiled(simple())), "calls compiled ones .simple."),
+    "compiled in a map": (mapping_a_compiled_one, "calls compiled ones .simple."),
 }
 
 
