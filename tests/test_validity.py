@@ -22,7 +22,7 @@ from softmpc.model.drive_effects import (
 from softmpc.model.effects import Effect
 from softmpc.model.model import Model
 from softmpc.model.scene import default_effects
-from softmpc.simulation.validity import DriveWarning, drive_warnings, reynolds_numbers
+from softmpc.simulation.validity import MotionWarning, motion_warnings, reynolds_numbers
 
 
 def model(*effects: Effect, **slots: Any) -> Model:
@@ -46,7 +46,7 @@ def ramp(m: Model, slope: float, times: Any) -> tuple[Any, Any]:
     return np.array([rate * t + lag for t in times]), np.outer(times, direction)
 
 
-def kinds(found: list[DriveWarning]) -> dict[str, DriveWarning]:
+def kinds(found: list[MotionWarning]) -> dict[str, MotionWarning]:
     assert len({w.kind for w in found}) == len(found)
     return {w.kind: w for w in found}
 
@@ -55,7 +55,7 @@ def test_a_step_is_far_from_laminar() -> None:
     """1.5 N·m on unit 4: Re of 5·10^5, at 3 ms, when the cylinder is full and the unit is not."""
     m, times = model(), np.linspace(0, 0.02, 401)
     z, u = step(m, 1.5, 4, times)
-    found = kinds(drive_warnings(m, times, z, u))
+    found = kinds(motion_warnings(m, times, z, u))
     warning = found["turbulence"]
     assert warning.effect == "turbulent_loss" and warning.where == "unit 4"
     assert 5e5 < warning.value < 6e5 and warning.limit == 2300
@@ -73,12 +73,12 @@ def test_the_slow_ramp_passes_the_limit_too() -> None:
     gain = 0.535 * 2 * pi / 0.004 / 0.0021
     compliance = (3.14e-4) ** 2 * 0.25 / (1.2e6 * 3.93e-4) + 7.85e-5 / 2.18e9
     expected = 4 * 1000 * compliance * gain * 0.75 / (pi * 0.004 * 1.01e-3)
-    found = kinds(drive_warnings(m, times, z, u))
+    found = kinds(motion_warnings(m, times, z, u))
     assert found["turbulence"].value == pytest.approx(expected, rel=1e-6)
     assert expected == pytest.approx(4947, abs=1)
     assert set(found) == {"turbulence"}
     slower = ramp(m, 0.3, times)
-    assert drive_warnings(m, times, *slower) == []
+    assert motion_warnings(m, times, *slower) == []
 
 
 def test_with_the_effects_there_is_nothing_to_add() -> None:
@@ -87,9 +87,9 @@ def test_with_the_effects_there_is_nothing_to_add() -> None:
     per_flow = 4 * 1000 / (pi * 0.004 * 1.01e-3)
     z[1, 20] = -9e4 / per_flow
     assert reynolds_numbers(m, z)[1, 2] == pytest.approx(9e4)
-    assert drive_warnings(m, times, z, np.zeros((2, 6))) == []
+    assert motion_warnings(m, times, z, np.zeros((2, 6))) == []
     z[1, 20] *= 2
-    assert kinds(drive_warnings(m, times, z, np.zeros((2, 6))))["smooth_tube"].effect is None
+    assert kinds(motion_warnings(m, times, z, np.zeros((2, 6))))["smooth_tube"].effect is None
 
 
 @pytest.mark.parametrize(
@@ -99,12 +99,12 @@ def test_low_pressure(lowest: float, kind: str, cure: str | None) -> None:
     times, u = np.array([0.0, 0.5]), np.zeros((2, 6))
     z = np.zeros((2, 18))
     z[1, [7, 13]] = lowest
-    found = kinds(drive_warnings(model(), times, z, u))
+    found = kinds(motion_warnings(model(), times, z, u))
     assert set(found) == {kind, "stroke"}, "a piston that pulled is behind its end"
     assert (found[kind].value, found[kind].time, found[kind].effect) == (lowest, 0.5, cure)
     assert found[kind].where in ("P_a_2", "P_c_2")
-    assert "suction" not in kinds(drive_warnings(model(), times, 0.04 * z, u))
-    with_it = kinds(drive_warnings(model(Cavitation(), EndStops()), times, z, u))
+    assert "suction" not in kinds(motion_warnings(model(), times, 0.04 * z, u))
+    with_it = kinds(motion_warnings(model(Cavitation(), EndStops()), times, z, u))
     assert with_it == {}
 
 
@@ -114,18 +114,18 @@ def test_stroke() -> None:
     times, u = np.array([0.0, 3.0]), np.zeros((2, 6))
     z = np.zeros((2, 18))
     z[1, 6:] = 1e6
-    warning = kinds(drive_warnings(model(manipulator=short), times, z, u))["stroke"]
+    warning = kinds(motion_warnings(model(manipulator=short), times, z, u))["stroke"]
     assert warning.value == pytest.approx(0.0251, abs=1e-4) and warning.effect == "end_stops"
-    assert drive_warnings(model(EndStops(), manipulator=short), times, z, u) == []
+    assert motion_warnings(model(EndStops(), manipulator=short), times, z, u) == []
     coupled = model(ChamberCoupling(), manipulator=short)
-    assert drive_warnings(coupled, times, z, u) == []
+    assert motion_warnings(coupled, times, z, u) == []
     q = np.zeros((2, 8))
     q[1, 4] = 0.3
-    found = kinds(drive_warnings(coupled, times, z, u, q))
+    found = kinds(motion_warnings(coupled, times, z, u, q))
     expected = (3.14e-4 * 0.25 * 0.3 + 1e6 * (7.85e-5 + 7.35e-4) / 2.18e9) / 0.0021
     assert found == {}, expected
     q[1, 4] = 0.6
-    warning = kinds(drive_warnings(coupled, times, z, u, q))["stroke"]
+    warning = kinds(motion_warnings(coupled, times, z, u, q))["stroke"]
     expected = (3.14e-4 * 0.25 * 0.6 + 1e6 * (7.85e-5 + 7.35e-4) / 2.18e9) / 0.0021
     assert warning.value == pytest.approx(expected)
 
@@ -134,9 +134,9 @@ def test_squeezed_segment() -> None:
     m, times = model(actuation=StaticDrive()), np.array([0.0, 1.0])
     q = np.zeros((2, 8))
     q[1, 4] = -0.7
-    (warning,) = drive_warnings(m, times, np.zeros((2, 0)), np.zeros((2, 6)), q)
+    (warning,) = motion_warnings(m, times, np.zeros((2, 0)), np.zeros((2, 6)), q)
     assert (warning.kind, warning.where, warning.value) == ("strain", "epsilon_2_1", -0.7)
-    assert drive_warnings(m, times, np.zeros((2, 0)), np.zeros((2, 6)), q / 2) == []
+    assert motion_warnings(m, times, np.zeros((2, 0)), np.zeros((2, 6)), q / 2) == []
 
 
 @pytest.mark.parametrize("drive", [StaticDrive(), PressureDrive(), SlowDrive()])
@@ -144,5 +144,5 @@ def test_drives_without_tubes_have_nothing_to_say(drive: Any) -> None:
     m = model(actuation=drive)
     h = len(m.layout.z)
     assert reynolds_numbers(m, np.zeros((3, h))).shape == (3, 0)
-    assert drive_warnings(m, np.arange(3.0), np.ones((3, h)), np.zeros((3, 6))) == []
-    assert drive_warnings(m, [], np.zeros((0, h)), np.zeros((0, 6))) == []
+    assert motion_warnings(m, np.arange(3.0), np.ones((3, h)), np.zeros((3, 6))) == []
+    assert motion_warnings(m, [], np.zeros((0, h)), np.zeros((0, 6))) == []

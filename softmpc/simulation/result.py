@@ -16,6 +16,7 @@ from softmpc.simulation.columns import name_of, write_columns
 from softmpc.simulation.inputs import InputProfile
 from softmpc.simulation.result_files import read_csv, read_npz, write_npz
 from softmpc.simulation.settling import overshoot, settling_time
+from softmpc.simulation.validity import MotionWarning
 
 __all__ = ["Simulation", "titles_of"]
 
@@ -44,6 +45,7 @@ class Simulation:
     energies: dict[str, np.ndarray] = field(default_factory=dict)  # J (K), by name
     titles: dict[str, tuple[str, ...]] = field(default_factory=dict)
     profile: InputProfile | None = None  # the inputs over time, None where only `u` is known
+    warnings: tuple[MotionWarning, ...] = ()  # where the motion left the model's range
     setup_s: float = float("nan")  # time it took to make the functions and find the start
 
     @property
@@ -96,6 +98,8 @@ class Simulation:
         }
         if len(self.tips):
             summary |= {"settling_s": settling_time(self), "overshoot": overshoot(self)}
+        if self.warnings:
+            summary["warnings"] = [vars(warning) for warning in self.warnings]
         if self.energies:
             summary["final_energy_j"] = {k: float(v[-1]) for k, v in self.energies.items()}
         return summary

@@ -14,6 +14,7 @@ from softmpc.errors import InputError
 from softmpc.files import replacing
 from softmpc.simulation.columns import name_of, read_titled
 from softmpc.simulation.inputs import Curve, InputProfile
+from softmpc.simulation.validity import MotionWarning
 
 __all__ = ["SCHEMA_VERSION", "read_csv", "read_npz", "write_npz"]
 
@@ -26,6 +27,7 @@ Fields = dict[str, Any]
 def write_npz(path: Path, fields: Fields) -> None:
     """Write the fields of a simulation; a crash leaves the last good file."""
     about = {"schema": SCHEMA_VERSION, **{name: fields[name] for name in ABOUT}}
+    about["warnings"] = [vars(warning) for warning in fields["warnings"]]
     content = {name: fields[name] for name in ARRAYS}
     content |= {f"energy_{name}": e for name, e in fields["energies"].items()}
     if fields["profile"] is not None:
@@ -49,6 +51,7 @@ def read_npz(path: Path) -> Fields:
     if about.pop("schema", None) not in (1, SCHEMA_VERSION):
         raise InputError(f"{path}: is of another version; 1 and {SCHEMA_VERSION} are known here")
     about["titles"] = {name: tuple(titles) for name, titles in about["titles"].items()}
+    about["warnings"] = tuple(MotionWarning(**found) for found in about.get("warnings", ()))
     inputs = [Curve(*content.pop(f"input_{j}")) for j in range(1, _count(content, "input_{}") + 1)]
     profile = InputProfile(tuple(inputs)) if inputs else None
     energies = {name.removeprefix("energy_"): e for name, e in content.items()}

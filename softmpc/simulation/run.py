@@ -23,7 +23,8 @@ from softmpc.simulation.interrupts import InterruptLater
 from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.result import Simulation, titles_of
 from softmpc.simulation.settings import STARTS, read_settings
-from softmpc.statics.equilibrium import find_equilibrium
+from softmpc.simulation.validity import MotionWarning, motion_warnings
+from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 
 __all__ = ["simulate", "simulate_file", "start_state"]
 
@@ -62,16 +63,18 @@ def simulate(
     stamps = _stamps(duration, sample_time)
     numbers = {"tip_tolerance": tip_tolerance, "tolerance": tolerance, "step": step}
     integrator = integrator_for(model, method, **numbers)
-    run = _Run(integrator, profile, start_state(model, profile, start))
+    x, warnings = _start(model, profile, start)
+    run = _Run(integrator, profile, x)
     integrator.prepare()
     marks, pieces = _pieces(stamps, profile.breakpoints)
     setup, began = time.perf_counter() - began, time.perf_counter()
     status = run.through(marks, pieces, progress)
     wall = time.perf_counter() - began
     times, states = run.at(stamps)
-    return _result(
-        model, profile, times, states, setup_s=setup, status=status, wall_s=wall, title=title
-    )
+    q, _, z = np.split(states, [model.strains, 2 * model.strains], axis=1)
+    warnings += motion_warnings(model, times, z, profile(times), q)
+    about = {"setup_s": setup, "status": status, "wall_s": wall, "title": title}
+    return _result(model, profile, times, states, warnings=tuple(warnings), **about)
 
 
 def simulate_file(
@@ -93,19 +96,39 @@ def start_state(
     model: Model, profile: InputProfile, start: str | np.ndarray = "rest"
 ) -> np.ndarray:
     """State x (nx) to start from, with the drive at rest under the inputs before t = 0."""
+    return _start(model, profile, start)[0]
+
+
+def _start(
+    model: Model, profile: InputProfile, start: str | np.ndarray
+) -> tuple[np.ndarray, list[MotionWarning]]:
+    """State to start from, and a warning where it is a rest that will not last."""
     if not isinstance(start, str):
-        return np.asarray(start, dtype=float)
+        return np.asarray(start, dtype=float), []
     if start not in STARTS:
         raise InputError(f"start = {start!r}: must be one of {', '.join(STARTS)}, or a state")
     u, drive = profile.before(0.0), model.drive
     z = model.drive_rest(u)
-    q = np.zeros(model.strains)
+    q, warnings = np.zeros(model.strains), []
     if start == "rest":
         rest = find_equilibrium(model, (drive.C @ z + drive.D @ u).tolist())
         if not rest.converged:
             raise IntegrationError(f"no rest to start from: {rest.status}; take start = 'straight'")
         q = rest.q
-    return np.concatenate([q, np.zeros(model.strains), z])
+        z = model.drive_rest(u, q)
+        if not rest.stable:
+            warnings.append(_unstable(rest))
+    return np.concatenate([q, np.zeros(model.strains), z]), warnings
+
+
+def _unstable(rest: Equilibrium) -> MotionWarning:
+    said = (
+        "the rest to start from is not stable (smallest stiffness "
+        f"{rest.smallest_stiffness:.3g} J): the least disturbance leaves it"
+    )
+    return MotionWarning(
+        "unstable_start", 0.0, "start", rest.smallest_stiffness, 0.0, "J", None, said
+    )
 
 
 class _Run:

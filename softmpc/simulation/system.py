@@ -100,8 +100,8 @@ class System:
         as much as a pressure of its size does, which is about the arm's length.
         """
         scene = self.model.scene
-        rests = [s.length / scene.segments for s in scene.manipulator.sections]
-        rests = np.repeat(rests, scene.segments)
+        each = [s.length / scene.segments for s in scene.manipulator.sections]
+        rests = np.repeat(each, scene.segments)
         beyond = np.cumsum(rests[::-1])[::-1]
         kinds = [1.0 if name == "epsilon" else 0.0 for name in scene.strains]
         strains = [

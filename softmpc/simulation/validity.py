@@ -1,7 +1,7 @@
 """Where a motion leaves the range in which the model's hydraulics and strains hold.
 
 (34) takes the flow as laminar and the water in the tube as massless, pressures may fall below
-vapour pressure, pistons may leave their cylinders: the equations do not notice. `drive_warnings`
+vapour pressure, pistons may leave their cylinders: the equations do not notice. `motion_warnings`
 looks at the samples of a motion and says what was passed, where, and which effect to add. What
 happens between samples is not seen: after a step of torque the flow peaks within 3 ms.
 """
@@ -21,7 +21,7 @@ from softmpc.model.hydraulics import tube_inertance
 if TYPE_CHECKING:
     from softmpc.model.model import Model
 
-__all__ = ["DriveWarning", "drive_warnings", "reynolds_numbers"]
+__all__ = ["MotionWarning", "motion_warnings", "reynolds_numbers"]
 
 LAMINAR = 2300.0  # Reynolds number up to which pipe flow is laminar
 SMOOTH = 1e5  # up to which Blasius's law was measured
@@ -33,7 +33,7 @@ SQUEEZED = -0.5  # ε; at -1 a segment has no length
 
 
 @dataclass(frozen=True)
-class DriveWarning:
+class MotionWarning:
     """One range that was left, at its worst: `value` against `limit` at `time` (s).
 
     `kind` is one of "turbulence", "smooth_tube", "inertance", "vapour", "suction", "stroke" and
@@ -55,7 +55,7 @@ def reynolds_numbers(model: Model, z: Any) -> np.ndarray:
     return np.abs(_flows(model, np.atleast_2d(z))) * reynolds_per_flow(_hydraulics(model))
 
 
-def drive_warnings(model: Model, time: Any, z: Any, u: Any, q: Any = None) -> list[DriveWarning]:
+def motion_warnings(model: Model, time: Any, z: Any, u: Any, q: Any = None) -> list[MotionWarning]:
     """What of the model's range was left, by samples at `time` (K) of z (K×h), u (K×k), q (K×n).
 
     Without q, strains are not looked at, nor pistons that the arm moves. Empty when all is well.
@@ -64,7 +64,7 @@ def drive_warnings(model: Model, time: Any, z: Any, u: Any, q: Any = None) -> li
     samples = _Samples(model, time, z, u, q)
     if len(samples.time) == 0:
         return []
-    found: list[DriveWarning] = []
+    found: list[MotionWarning] = []
     for check in (_reynolds, _inertance, _pressures, _stroke, _strains):
         found += check(samples)
     return found
@@ -100,7 +100,7 @@ def _power_of_ten(value: float) -> str:
     return f"{digits}·10^{int(exponent)}"
 
 
-def _reynolds(s: _Samples) -> Iterator[DriveWarning]:
+def _reynolds(s: _Samples) -> Iterator[MotionWarning]:
     numbers = reynolds_numbers(s.model, s.z)
     if not numbers.size:
         return
@@ -114,16 +114,16 @@ def _reynolds(s: _Samples) -> Iterator[DriveWarning]:
         said = (
             f"the loss of a smooth tube is known up to Re = {_power_of_ten(limit)}, but {reached}"
         )
-        yield DriveWarning("smooth_tube", time, f"unit {unit + 1}", value, limit, "", None, said)
+        yield MotionWarning("smooth_tube", time, f"unit {unit + 1}", value, limit, "", None, said)
     else:
         said = (
             f"(34) is laminar, up to Re = {limit:g}, but {reached}: add the effect turbulent_loss"
         )
         name = TurbulentLoss.name
-        yield DriveWarning("turbulence", time, f"unit {unit + 1}", value, limit, "", name, said)
+        yield MotionWarning("turbulence", time, f"unit {unit + 1}", value, limit, "", name, said)
 
 
-def _inertance(s: _Samples) -> Iterator[DriveWarning]:
+def _inertance(s: _Samples) -> Iterator[MotionWarning]:
     """Pressure that the flow's change from sample to sample would take, against the highest."""
     if s.has(TubeInertance) or len(s.time) < 2:
         return
@@ -140,10 +140,10 @@ def _inertance(s: _Samples) -> Iterator[DriveWarning]:
             f"{unit + 1}, takes {value / 1e6:.3g} MPa: add the effect tube_inertance"
         )
         where, name = f"unit {unit + 1}", TubeInertance.name
-        yield DriveWarning("inertance", time, where, value, limit, "Pa", name, said)
+        yield MotionWarning("inertance", time, where, value, limit, "Pa", name, said)
 
 
-def _pressures(s: _Samples) -> Iterator[DriveWarning]:
+def _pressures(s: _Samples) -> Iterator[MotionWarning]:
     names = s.model.layout.z.names
     columns = [i for i, name in enumerate(names) if name.startswith(("P_a", "P_c"))]
     pressures = s.z[:, columns]
@@ -155,13 +155,13 @@ def _pressures(s: _Samples) -> Iterator[DriveWarning]:
     if lowest < VAPOUR:
         said = f"{fell}, below the vapour pressure of water: add the effect cavitation"
         effect = Cavitation.name
-        yield DriveWarning("vapour", time, name, lowest, VAPOUR, "Pa", effect, said)
+        yield MotionWarning("vapour", time, name, lowest, VAPOUR, "Pa", effect, said)
     elif lowest < SUCTION:
         said = f"{fell}, below the atmosphere: the drive pulls, which needs tight seals"
-        yield DriveWarning("suction", time, name, lowest, SUCTION, "Pa", None, said)
+        yield MotionWarning("suction", time, name, lowest, SUCTION, "Pa", None, said)
 
 
-def _stroke(s: _Samples) -> Iterator[DriveWarning]:
+def _stroke(s: _Samples) -> Iterator[MotionWarning]:
     model = s.model
     acts_back = "chamber_coupling" in model.drive_nonlinear
     if s.has(EndStops) or not len(model.drive.X) or (acts_back and s.q is None):
@@ -178,10 +178,10 @@ def _stroke(s: _Samples) -> Iterator[DriveWarning]:
                 f"is 0 to {1e3 * stroke:.4g} mm: add the effect end_stops"
             )
             where, name = f"unit {unit + 1}", EndStops.name
-            yield DriveWarning("stroke", time, where, place, limit, "m", name, said)
+            yield MotionWarning("stroke", time, where, place, limit, "m", name, said)
 
 
-def _strains(s: _Samples) -> Iterator[DriveWarning]:
+def _strains(s: _Samples) -> Iterator[MotionWarning]:
     names = s.model.layout.q.names
     columns = [i for i, name in enumerate(names) if name.startswith("epsilon")]
     if s.q is None or not columns:
@@ -193,4 +193,4 @@ def _strains(s: _Samples) -> Iterator[DriveWarning]:
             f"{name} fell to {-value:.3g} at t = {time:.3g} s: the wall's law is for small "
             "strains, and at -1 a segment has no length"
         )
-        yield DriveWarning("strain", time, name, -value, SQUEEZED, "", None, said)
+        yield MotionWarning("strain", time, name, -value, SQUEEZED, "", None, said)
