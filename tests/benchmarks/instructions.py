@@ -3,10 +3,10 @@
     python -m tests.benchmarks.instructions [--ad N]
 
 For 1, 2, 4 and 8 segments a section of the paper's arm, with and without rotary inertia, and in
-water: instructions and microseconds a call (median) of the residual, of its derivative along one direction
-(`residual_along`, linear in the segments), of its Jacobian in (q, dq, ddq) by
-recursion and by plain automatic differentiation (up to N segments, 8 unless told), and of
-M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over that by recursion.
+water: instructions and microseconds a call (median) of the residual, of its derivative along one
+direction (`residual_along`, linear in the segments), of its Jacobian in (q, dq, ddq) as the model
+has it and by plain automatic differentiation (up to N segments, 8 unless told), and of M, C, N, τ
+together. `ratio` is the Jacobian by automatic differentiation over the model's.
 """
 
 from __future__ import annotations
