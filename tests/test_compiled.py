@@ -38,6 +38,7 @@ SX, MX, Function = ca.SX.sym, ca.MX.sym, ca.Function
 def fresh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """An empty cache, and nothing said or found yet."""
     monkeypatch.setenv("SOFTMPC_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("SOFTMPC_COMPILE", raising=False)
     forget()
     yield
     forget()
