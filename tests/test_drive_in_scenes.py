@@ -12,6 +12,8 @@ from arms import PAPER, model_of, numbers
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
+from softmpc.control.closed_loop import start_at
+from softmpc.control.mpc import Mpc
 from softmpc.control.ocp import tracking_problem
 from softmpc.control.transcription import Transcription
 from softmpc.errors import BuildError
@@ -28,6 +30,7 @@ from softmpc.model.effects import Effect, Inertia
 from softmpc.model.model import Model
 from softmpc.model.scene import default_effects
 from softmpc.simulation.inputs import Curve, InputProfile
+from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.run import simulate, start_state
 from softmpc.statics.equilibrium import find_equilibrium, pressures_from_torques
 
@@ -169,6 +172,20 @@ def test_control_wants_a_linear_drive(kind: Any) -> None:
 def test_control_without_friction() -> None:
     with pytest.raises(BuildError, match="leave out friction, turbulent_loss in the model"):
         Transcription(tracking_problem(model(TurbulentLoss(), friction=10.0)))
+
+
+def test_mpc_holds_a_tip_with_water_and_rotors_that_swing() -> None:
+    """Its model knows them: 10 mm aside in 25 steps, closer than 0.1 mm, whatever swings."""
+    m = model(TubeInertance(), RotorInertia())
+    mpc, plant = Mpc(Transcription(tracking_problem(m))), integrator_for(m)
+    start = start_at(m, find_equilibrium(m, [0.2e6] * 6))
+    target = numbers(m.tip(start.x[: m.strains])) + (0.01, 0, 0)
+    x, u = start.x, start.u
+    for _ in range(25):
+        step = mpc.step(x, u, np.tile(target, (mpc.ocp.intervals, 1)))
+        assert step.solved
+        x, u = plant.advance(x, step.u, mpc.ocp.step)[-1], step.u
+    assert np.linalg.norm(numbers(m.tip(x[: m.strains])) - target) < 1e-4
 
 
 def test_pressures_at_an_end_stop() -> None:
