@@ -17,16 +17,32 @@ from scipy.interpolate import CubicSpline
 
 from softmpc.errors import BuildError, InputError
 from softmpc.model.actuation import PressureDrive, SlowDrive, StaticDrive
+from softmpc.model.drive_effects import (
+    BackDriving,
+    Cavitation,
+    ChamberCoupling,
+    EndStops,
+    RotorInertia,
+    TubeInertance,
+)
 from softmpc.model.effects import (
+    AddedMass,
+    Buoyancy,
+    Contact,
     Coriolis,
+    Effect,
     EnvironmentDamping,
+    FluidDrag,
     Gravity,
     MaterialDamping,
+    Payload,
     TipLoad,
+    WaterMass,
 )
 from softmpc.model.elasticity import StrainElasticity
 from softmpc.model.formulations import VirtualPower
 from softmpc.model.model import Model
+from softmpc.model.obstacles import Plane
 from softmpc.simulation.audit import Audit, audit
 from softmpc.simulation.hermite import Hermite
 from softmpc.simulation.inputs import InputProfile, Ramp, Step
@@ -119,12 +135,24 @@ def test_rest_is_no_turnover() -> None:
     assert found.closure < 1e-6
 
 
-def test_balance_of_a_drive_that_is_not_linear() -> None:
-    from softmpc.model.drive_effects import ChamberCoupling
+BEYOND: dict[str, tuple[Effect, ...]] = {
+    "under water": (Buoyancy(), FluidDrag(), AddedMass()),
+    "water and payload": (WaterMass(), Payload()),
+    "contact": (Contact(obstacles=(Plane(point=(0.0, 0.0, 0.52), normal=(0.0, 0.0, -1.0)),)),),
+    "tube": (TubeInertance(), RotorInertia(), Cavitation()),
+    "back-driving": (BackDriving(), EndStops()),
+    "coupling": (ChamberCoupling(),),
+}
 
-    model = model_of(effects=(*EFFECTS, ChamberCoupling()))
-    assert not model.drive_is_linear
-    assert audit(model, run(model, 0.1)).closure < 1e-6
+
+@pytest.mark.parametrize("effects", BEYOND)
+def test_balance_closes_with_effects_beyond_the_paper(effects: str) -> None:
+    model = model_of(effects=(*EFFECTS, *BEYOND[effects]))
+    motion = run(model, 0.08)
+    assert motion.finished
+    found = audit(model, motion)
+    assert found.closure < 1e-6
+    assert set(found.works) == set(model.powers.name_out())
 
 
 # ---------------------------------------------------------------- what it finds

@@ -70,6 +70,8 @@ class MotionBetween:
 
         Their last state stays what it was, unless it is nan.
         """
+        if not which.any():
+            return self
         integrator = integrator_for(self.model, tip_tolerance=TIGHT)
         share = np.arange(parts)[:, None] / parts
         times, x, inputs = [], [self.x[:1]], [self.u0[:0]]
