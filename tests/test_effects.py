@@ -340,6 +340,28 @@ def test_leaving_one_out_saves_instructions(name: str) -> None:
         assert largest(among, by_itself, ROWS) < 1e-10
 
 
+@pytest.mark.parametrize("strains", [("epsilon", "kappa_y"), ("kappa_x", "kappa_y")])
+def test_strains_left_out_are_zero(strains: tuple[str, ...]) -> None:
+    """The rows of the full model held at zero strain; without ε no water flows in."""
+    effects = (*LEAN, *DAMPING, *BEYOND.values())
+    full, part = model(*effects), model(*effects, strains=strains)
+    rows = [i for i, n in enumerate(full.layout.q.names) if n.rsplit("_", 2)[0] in strains]
+    *motion, p = States(part).motion()
+    held = [np.zeros(full.strains) for _ in motion]
+    for whole, few in zip(held, motion, strict=True):
+        whole[rows] = few
+    wanted = num(full.residual(*held, p))[rows]
+    assert largest(num(part.residual(*motion, p)), wanted, part.layout.r.scale) < 1e-12
+    blocks = zip(part.residual_jacobian(*motion, p), full.residual_jacobian(*held, p), strict=True)
+    for block, whole in list(blocks)[:3]:
+        wanted = np.asarray(whole)[np.ix_(rows, rows)]
+        assert_allclose(block, wanted, atol=1e-12 * np.abs(wanted).max())
+    if "epsilon" not in strains:
+        dry = model(*effects[:-3], *effects[-2:], strains=strains)
+        assert WaterMass() not in dry.scene.effects
+        assert dry.residual.n_instructions() == part.residual.n_instructions()
+
+
 # ---------------------------------------------------------------- who may use them
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from softmpc.model.parameters import Section
     from softmpc.model.scene import Scene
 
-__all__ = ["STRAINS", "Chain", "Link", "Point", "Segment", "State"]
+__all__ = ["STRAINS", "Base", "Chain", "Link", "Point", "Segment", "State"]
 
 STRAINS = ("epsilon", "kappa_x", "kappa_y", "kappa_z")
 E = TypeVar("E", bound=Effect)
@@ -166,19 +166,36 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Link:
-    """One segment in motion: its base, its bodies and its tip."""
+class Base:
+    """What passes from segment to segment, in the components of the one that gets it."""
 
-    segment: Segment
     motion: Motion
-    gravity: ca.SX  # local components
+    gravity: ca.SX
     load_force: ca.SX
     load_moment: ca.SX
-    points: tuple[Point, ...]  # one a body
-    tip: Point
     place: ca.SX  # of the local frame, in the base frame
     rotation: ca.SX  # takes local components to those of the base frame
     head: Any  # gravity times that place, m²/s²
+
+
+@dataclass(frozen=True)
+class Link(Base):
+    """One segment in motion: its base, its bodies and its tip."""
+
+    segment: Segment
+    points: tuple[Point, ...]  # one a body
+    tip: Point
+
+    def onward(self) -> Base:
+        """The base of the next segment: this one's tip."""
+        tip = self.tip
+        local, back = tip.p.terms[0], tip.rotation.T
+        place, head = self.place + self.rotation @ local, self.head + ca.dot(self.gravity, local)
+        velocity, acceleration = self.motion.at(tip.p)
+        spin, spin_rate = self.motion.turned(tip.turn)
+        motion = Motion(*(back @ x for x in (spin, spin_rate, velocity, acceleration)))
+        passed = (back @ x for x in (self.gravity, self.load_force, self.load_moment))
+        return Base(motion, *passed, place, self.rotation @ tip.rotation, head)
 
 
 class Chain:
@@ -217,8 +234,10 @@ class Chain:
         return chain
 
     def conservative(self) -> Chain:
-        """The same segments without the forces that take energy out of bodies."""
-        return self._with(self.effects, _stores)
+        """The same segments without the forces that take energy out."""
+        chain = self._with(self.effects, _stores)
+        chain.segments = [replace(segment, viscosity=None) for segment in chain.segments]
+        return chain
 
     def _with(self, effects: tuple[Effect, ...], change: Callable[[BodyLaw], BodyLaw]) -> Chain:
         chain = Chain(self.scene, effects)
@@ -230,25 +249,25 @@ class Chain:
 
     def forward(self, state: State, highest: int | None = None) -> list[Link]:
         """Motion of every segment; `highest` is for those who need more Stumpff functions."""
+        base, links = self.base(), []
+        for segment in self.segments:
+            links.append(self.link(segment, state, base, highest))
+            base = links[-1].onward()
+        return links
+
+    def base(self) -> Base:
+        """What the first segment gets from the base of the arm."""
         zero = ca.SX.zeros(3)
-        motion = Motion(zero, zero, zero, zero)
         gravity = ca.SX(ca.DM(self.gravity.vector)) if self.gravity else zero
         force = ca.SX(ca.DM(self.load.force)) if self.load else zero
         moment = ca.SX(ca.DM(self.load.moment)) if self.load else zero
-        place, rotation, head = zero, ca.SX.eye(3), ca.SX(0)
-        links = []
-        for segment in self.segments:
-            tip, points = self._points(segment, state, highest)
-            world = (place, rotation, head)
-            links.append(Link(segment, motion, gravity, force, moment, points, tip, *world))
-            local, back = tip.p.terms[0], tip.rotation.T
-            place, head = place + rotation @ local, head + ca.dot(gravity, local)
-            rotation = rotation @ tip.rotation
-            velocity, acceleration = motion.at(tip.p)
-            spin, spin_rate = motion.turned(tip.turn)
-            motion = Motion(*(back @ x for x in (spin, spin_rate, velocity, acceleration)))
-            gravity, force, moment = (back @ x for x in (gravity, force, moment))
-        return links
+        motion = Motion(zero, zero, zero, zero)
+        return Base(motion, gravity, force, moment, zero, ca.SX.eye(3), ca.SX(0))
+
+    def link(self, segment: Segment, state: State, base: Base, highest: int | None = None) -> Link:
+        """One segment in motion, on the base that the segments before it give it."""
+        tip, points = self._points(segment, state, highest)
+        return Link(**vars(base), segment=segment, points=points, tip=tip)
 
     def _points(
         self, segment: Segment, state: State, highest: int | None

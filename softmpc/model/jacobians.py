@@ -1,8 +1,9 @@
 """The virtual-power residual of a chain, its Jacobians, and M and C, whatever effects it has.
 
-Forces with constant coefficients are differentiated by the recursion of `derivatives`; the others
-(`Chain.beyond`) are differentiated by CasADi on their own, which costs more the more segments there
-are, and adds nothing where a scene has none.
+Forces with constant coefficients are differentiated by the recursion of `derivatives`, the others
+(`Chain.beyond`) by CasADi, which costs more the more segments there are. Where these need the
+accelerations, CasADi differentiates everything: their graph then has most of the chain's in it, and
+the recursion beside it would only add (`python -m tests.benchmarks.instructions`).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Jacobians:
     """Derivatives of `residual_of` for one chain, state and pressures."""
 
     def __init__(self, chain: Chain, state: State, pressures: list[SX]) -> None:
-        self.state, self.pressures = state, pressures
+        self.chain, self.state, self.pressures = chain, state, pressures
         self.none = [None] * len(pressures)
         self.linear, self.beyond = chain.linear(), chain.beyond()
 
@@ -50,9 +51,20 @@ class Jacobians:
     def _damping(self) -> Chain:
         return self.linear.damping()
 
+    @cached_property
+    def _accelerated(self) -> bool:
+        """Whether forces beyond the constant coefficients depend on accelerations."""
+        if self.beyond is None:
+            return False
+        r = residual_of(self.beyond, _start(self.state), self.none, elastic=False)
+        return bool(ca.depends_on(r, self.state.ddq))
+
     def by_motion(self) -> list[SX]:
         """∂r/∂q, ∂r/∂dq and ∂r/∂ddq (n×n each)."""
         s = self.state
+        if self._accelerated:
+            r = residual_of(self.chain, s, self.pressures)
+            return [_jacobian(r, x) for x in (s.q, s.dq, s.ddq)]
         if can_differentiate(self.linear):
             b = differentiate(self.linear, s, self.pressures)
             blocks = [b.by_q, b.by_dq, b.by_ddq]
@@ -75,11 +87,11 @@ class Jacobians:
 
     def inertia(self, rest: State) -> SX:
         """M (n×n); with `rest` of the order of derivatives to share them with."""
-        M = differentiate(self.linear, rest, self.pressures, by_q=False).by_ddq
-        if self.beyond is None:
-            return M
-        r = residual_of(self.beyond, _start(self.state), self.none, elastic=False)
-        return M + _jacobian(r, self.state.ddq)
+        if not self._accelerated:
+            return differentiate(self.linear, rest, self.pressures, by_q=False).by_ddq
+        stored = self.chain.conservative()
+        r = residual_of(stored, _start(self.state), self.none, elastic=False)
+        return _jacobian(r, self.state.ddq)
 
     def rates(self) -> SX:
         """C (n×n): C dq are the forces of the rates, and Ṁ - 2C is skew but for damping.
@@ -88,13 +100,14 @@ class Jacobians:
         symbols; damping laws contribute Σ Pᵀ D P with P = ∂v/∂dq.
         """
         s = self.state
-        chain = self.linear if can_differentiate(self.linear) else self._damping
+        recursive = can_differentiate(self.linear) and not self._accelerated
+        chain = self.linear if recursive else self._damping
         C = differentiate(chain, State(s.q, s.dq), self.pressures, by_q=False).coriolis
         if self.beyond is None:
             return C
-        if self.linear.coriolis:
+        if self._accelerated and self.linear.coriolis:
             steady = State(s.q, s.dq, ca.SX.zeros(s.q.shape[0]))
-            stored = residual_of(self.beyond.conservative(), steady, self.none, elastic=False)
+            stored = residual_of(self.chain.conservative(), steady, self.none, elastic=False)
             C = C + _jacobian(stored, s.dq) / 2
         return C + _damping_matrix(self.beyond, State(s.q, s.dq))
 
