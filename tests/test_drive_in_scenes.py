@@ -20,6 +20,7 @@ from softmpc.errors import BuildError
 from softmpc.model.actuation import FrictionDrive, HydraulicDrive
 from softmpc.model.drive_effects import (
     DRIVE_EFFECTS,
+    Cavitation,
     ChamberCoupling,
     EndStops,
     RotorInertia,
@@ -104,6 +105,27 @@ def test_simulation_with_everything_is_that_of_scipy() -> None:
     tips = np.array([numbers(m.tip(x[: m.strains])) for x in states])
     assert np.abs(tips[-1] - tips[0]).max() > 0.02
     assert_allclose(done.tips[:, -1], tips, atol=1e-4)
+
+
+@pytest.mark.parametrize("friction", [50.0, 500.0])
+def test_sharp_friction_lets_go_and_turns(friction: float) -> None:
+    """A piston that sticks within 1 µm/s, is torn loose by a step and reversed by another.
+
+    Hard because its friction turns within microseconds. A thousand times rounder friction ends
+    close to it.
+    """
+    arm = replace(PAPER, limits=replace(PAPER.limits, torque_min=-3.0))
+    profile = steps([0, 0.05, 0.05, 0.2, 0.2], [0, 0, 0.8, 0.8, -0.8], (1,))
+    tips = []
+    for velocity in (1e-3, 1e-4, 1e-6):
+        h = replace(arm.hydraulics, friction=friction, friction_velocity=velocity)
+        effects = (*default_effects(), Cavitation())
+        m = model_of(replace(arm, hydraulics=h), effects=effects, actuation=FrictionDrive())
+        done = simulate(m, profile, 0.3)
+        assert done.status == "finished"
+        tips.append(done.tips[-1, -1])
+    assert np.linalg.norm(tips[1] - tips[2]) < 2e-4
+    assert np.linalg.norm(tips[0] - tips[2]) < 2e-3
 
 
 def test_turbulence_damps_what_inertance_lets_swing() -> None:

@@ -22,7 +22,7 @@ from softmpc.simulation.tableau import Tableau
 __all__ = ["MOST_FAILURES", "Carry", "Trials"]
 
 HEAD = 3  # numbers in `given` before the coefficients of the input
-MOST_FAILURES = 12  # steps refused in a row
+MOST_FAILURES = 40  # steps refused in a row; 12 are too few for sharp friction that lets go
 # Most Newton iterations, and the contraction at which they are given up. A shorter step is cheaper
 # than slow iterations; a step that is given has no such choice.
 ADAPTIVE, GIVEN = (7, 0.9), (30, 3.0)
