@@ -111,14 +111,14 @@ def settings(table: dict[str, Any], folder: Path = Path(), model: Any = MODEL) -
 def test_settings() -> None:
     steps = [{"unit": 1, "at": 0.0, "torque": 1.5}]
     ramps = [{"unit": 5, "from": 2, "to": 3, "slope": 1.5}]
-    read = settings({"steps": steps, "ramps": ramps, "start": "straight", "tolerance": 1e-6})
+    read = settings({"steps": steps, "ramps": ramps, "start": "straight", "tip_tolerance": 1e-6})
     assert (read.duration, read.sample_time, read.start, read.method) == (
         3.0,
         0.01,
         "straight",
-        "idas",
+        "radau",
     )
-    assert read.tolerance == 1e-6
+    assert read.tip_tolerance == 1e-6
     assert read.profile(2.5).tolist() == [1.5, 0, 0, 0, 0.75, 0]
 
 
@@ -136,7 +136,11 @@ def test_settings_in_pressure() -> None:
         ({"duration": NAN}, r"duration = nan s"),
         ({"sample_time": 0.0}, r"sample_time = 0 s"),
         ({"start": "rset"}, r"'rset'; did you mean 'rest'\?"),
-        ({"method": "radau"}, r"method.*allowed: idas"),
+        ({"method": "rk4"}, r"method.*allowed: radau, radau-2, gauss, gauss-2, idas, cvodes"),
+        ({"method": "gauss"}, r"\[simulate\]: method 'gauss' keeps its step: give step in s"),
+        ({"method": "idas", "step": 0.01}, r"step = 0.01: method 'idas' takes tolerance"),
+        ({"tolerance": 1e-6}, r"method 'radau' takes tip_tolerance \(m, at the tip\) or step"),
+        ({"step": 0.01, "tip_tolerance": 1e-6}, "leave out one of them"),
         ({"durations": 1.0}, r"'durations'; did you mean 'duration'\?"),
         ({"steps": {}}, r"steps = \{\}: must be a list of tables"),
         ({"steps": [3]}, r"steps\[0\] = 3: must be a table"),

@@ -23,7 +23,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "idas": ("tolerance",),
     "cvodes": ("tolerance",),
 }
-TIP_TOLERANCE = 1e-5  # m
+TIP_TOLERANCE = 1e-6  # m
 TOLERANCE = 1e-8
 MEANING = {"tip_tolerance": "m, at the tip", "tolerance": "relative", "step": "s"}
 

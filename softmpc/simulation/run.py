@@ -53,7 +53,7 @@ def simulate(
 
     `start` is "rest" (equilibrium under the inputs before t = 0), "straight", or a state x (nx).
     `method` and its `tip_tolerance` (m), `tolerance` or `step` (s) are those of
-    `softmpc.simulation.methods`; by default Radau IIA within 0.01 mm at the tip a step.
+    `softmpc.simulation.methods`; by default Radau IIA within 1 µm at the tip a step.
     `progress(t, duration)` is called now and then. Raises `InputError` for wrong arguments,
     `BuildError` where the model cannot move, `IntegrationError` where there is no rest to start
     from. What fails later, or is interrupted, is told by the result's status.

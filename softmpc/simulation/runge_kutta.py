@@ -167,7 +167,7 @@ class RadauIIA(RungeKutta):
     def __init__(
         self,
         model: Model,
-        tolerance: float | None = 1e-5,
+        tolerance: float | None = 1e-6,
         stages: int = 3,
         step: float | None = None,
     ) -> None:

@@ -4,7 +4,7 @@
     sample_time = 0.01        # s, of the results
     start = "rest"            # at rest under the input before t = 0, or "straight"
     method = "radau"          # or radau-2, gauss, gauss-2, idas, cvodes
-    tip_tolerance = 1e-5      # m, error of a step at the tip (radau)
+    tip_tolerance = 1e-6      # m, error of a step at the tip (radau)
     step = 0.005              # s, instead: a step that is kept (radau, gauss)
     tolerance = 1e-8          # of the scaled states (idas, cvodes)
     steps = [{unit = 1, at = 0.0, torque = 1.5}]              # N·m, held afterwards
