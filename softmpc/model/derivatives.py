@@ -16,6 +16,8 @@ The columns and sums themselves are in `softmpc.model.columns`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 from typing import Any
 
 import casadi as ca
@@ -38,9 +40,22 @@ from softmpc.model.jets import Jet
 from softmpc.model.stumpff import slopes
 from softmpc.model.virtual_power import body_wrench, resultants, to_strains
 
-__all__ = ["Blocks", "can_differentiate", "differentiate"]
+__all__ = [
+    "BLOCKS",
+    "Blocks",
+    "can_differentiate",
+    "differentiate",
+    "force_stacks",
+    "hand_back",
+    "held_forces",
+    "motion_stacks",
+    "own_blocks",
+    "stumpff_functions",
+    "tip_load",
+]
 
 SX = Any  # CasADi's SX or DM; the arithmetic is the same
+BLOCKS = ("by_q", "by_dq", "by_ddq", "coriolis")
 
 
 def can_differentiate(chain: Chain) -> bool:
@@ -57,8 +72,14 @@ class Blocks:
     by_ddq: ca.SX
     coriolis: ca.SX
 
+    @classmethod
+    def zero(cls, size: int) -> Blocks:
+        return cls(*(ca.SX(size, size) for _ in BLOCKS))
 
-def _held(chain: Chain, link: Link, tip: tuple[SX, SX], pressures: SX | None, elastic: bool) -> SX:
+
+def held_forces(
+    chain: Chain, link: Link, tip: tuple[SX, SX], pressures: SX | None, elastic: bool
+) -> SX:
     """∂/∂q of a segment's row with all forces held: geometry, elasticity and drive."""
     wrenches = [(link.tip, 1.0, tip)]
     for point, (place, law) in zip(link.points, link.segment.bodies, strict=True):
@@ -97,27 +118,31 @@ def differentiate(
 
     Without `by_q` its block is meaningless, and the others are cheaper.
     """
-    order = len(state.columns) - 1
-    links = chain.forward(state, highest=max(5 + 2 * order, 7 if by_q else 5))
-    blocks = Blocks(*(ca.SX(chain.size, chain.size) for _ in range(4)))
-    frames = _frames(links)
-    beyond = _tip_load(links[-1], frames[-1])
-    outer: list[tuple[list[int], Screw, Columns]] = []
-    force, moment = -links[-1].load_force, -links[-1].load_moment
+    links = chain.forward(state, highest=stumpff_functions(state, by_q))
+    blocks = Blocks.zero(chain.size)
+    last, frames = links[-1], _frames(links)
+    load_force, load_moment = (frames[-1].rotation @ x for x in (last.load_force, last.load_moment))
+    beyond = tip_load(load_force, load_moment, frames[-1].points(last, last.tip)[0])
+    outer: list[tuple[list[int], Columns]] = []
+    force, moment = -last.load_force, -last.load_moment
     for link, frame in zip(reversed(links), reversed(frames), strict=True):
-        if link is not links[-1]:
+        if link is not last:
             force, moment = link.tip.rotation @ force, link.tip.rotation @ moment
         own = pressures[link.segment.section_index]
-        held = _held(chain, link, (force, moment), own, elastic) if by_q else 0.0
-        screw, columns = _segment(blocks, held, link, frame, beyond, links[0].gravity)
+        held = held_forces(chain, link, (force, moment), own, elastic) if by_q else 0.0
+        screw, columns = own_blocks(blocks, held, link, frame, beyond, links[0].gravity)
         here = [link.segment.states[k] for k in link.segment.kinds]
-        for there, _, distal in outer:
-            _couple(blocks, here, screw, columns, there, distal)
-        outer.append((here, screw, columns))
-        force, moment = _hand_back(link, force, moment)
+        for there, distal in outer:
+            _couple(blocks, here, screw, there, distal)
+        outer.append((here, columns))
+        force, moment = hand_back(link, force, moment)
         gather(beyond, link, frame)
-    _add_viscosity(blocks, chain)
-    return Blocks(*(ca.sparsify(getattr(blocks, n)) for n in Blocks.__dataclass_fields__))
+    return Blocks(*(ca.sparsify(getattr(blocks, n)) for n in BLOCKS))
+
+
+def stumpff_functions(state: State, by_q: bool) -> int:
+    """The highest Stumpff function that `differentiate` needs."""
+    return max(3 + 2 * len(state.columns), 7 if by_q else 5)
 
 
 def _frames(links: list[Link]) -> list[Frame]:
@@ -128,15 +153,14 @@ def _frames(links: list[Link]) -> list[Frame]:
     return frames
 
 
-def _tip_load(last: Link, frame: Frame) -> Composite:
-    force, moment = frame.rotation @ last.load_force, frame.rotation @ last.load_moment
-    at = frame.points(last, last.tip)[0]
+def tip_load(force: SX, moment: SX, at: SX) -> Composite:
+    """The sums beyond the last segment: a dead force and moment at the tip, world."""
     return Composite(
         force=-force, spread=-at @ force.T, dead_force=force, dead_moment=moment, dead_at=at
     )
 
 
-def _hand_back(link: Link, force: SX, moment: SX) -> tuple[SX, SX]:
+def hand_back(link: Link, force: SX, moment: SX) -> tuple[SX, SX]:
     """Wrench at the segment's base from that at its tip, as in the residual's pass back."""
     moment = moment + ca.cross(link.tip.p.terms[0], force)
     for point, (_, law) in zip(link.points, link.segment.bodies, strict=True):
@@ -151,12 +175,13 @@ def _reach(screw: Screw, wrenches: Wrenches) -> SX:
     return screw.W[0].T @ wrenches.moment + screw.U[0].T @ wrenches.force
 
 
-def _segment(
+def own_blocks(
     blocks: Blocks, held: SX, link: Link, frame: Frame, beyond: Composite, gravity: SX
 ) -> tuple[Screw, Columns]:
-    """The segment's own blocks; returns its screw and columns for the segments before it."""
-    kinds, here = link.segment.kinds, [link.segment.states[k] for k in link.segment.kinds]
-    screw = screw_of(link, frame, kinds)
+    """The segment's own blocks; returns its screw and columns for its couplings."""
+    segment = link.segment
+    here = [segment.states[k] for k in segment.kinds]
+    screw = screw_of(link, frame, segment.kinds)
     columns = columns_beyond(screw, beyond, gravity)
     W = screw.W[0]
     lever = beyond.spread - frame.points(link, link.tip)[0] @ beyond.force.T
@@ -164,11 +189,15 @@ def _segment(
     by_dq = _reach(screw, columns.by_dq)
     inertial = by_dq - _reach(screw, columns.drag) - W.T @ columns.spin
     by_ddq = _reach(screw, columns.mass)
-    for point, (_, law) in zip(link.points, link.segment.bodies, strict=True):
-        own = own_columns(link, point, law, kinds)
-        columns = columns + to_world(own.columns, frame)
+    bodies = []
+    for point, (_, law) in zip(link.points, segment.bodies, strict=True):
+        own = own_columns(link, point, law, segment.kinds)
+        bodies.append(own.columns)
         by_q, by_dq = by_q + own.by_q, by_dq + own.by_dq
         inertial, by_ddq = inertial + own.inertial, by_ddq + own.by_ddq
+    columns = columns + to_world(reduce(add, bodies), frame)
+    if segment.viscosity is not None:
+        by_dq = by_dq + ca.diag(ca.DM([segment.viscosity[k] for k in segment.kinds]))
     blocks.by_q[here, here] = by_q
     blocks.by_dq[here, here] = by_dq + inertial
     blocks.by_ddq[here, here] = by_ddq
@@ -176,31 +205,42 @@ def _segment(
     return screw, columns
 
 
-def _couple(
-    blocks: Blocks, here: list[int], screw: Screw, near: Columns, there: list[int], far: Columns
-) -> None:
+# Blocks between a segment and one beyond it. Each is a product of a stack of the near one's motion
+# and a stack of the far one's forces: `above` is the block [near, far], the transpose of `below`
+# is [far, near]. `mass` is symmetric.
+Stacks = tuple[SX, ...]
+
+
+def motion_stacks(screw: Screw) -> dict[str, Stacks]:
+    """What each product takes of the near segment (3×k each)."""
+    (W, W1, W2), (U, U1, U2) = screw.W, screw.U
+    rate = (W, U, W1, U1)
+    near = {"above by_q": (W, U), "above by_dq": (W, U), "above coriolis": (W, U)}
+    near |= {"mass": (W, U), "below by_dq": rate, "below coriolis": rate}
+    return near | {"below by_q": (W, W1, U1, W2, U2)}
+
+
+def force_stacks(far: Columns) -> dict[str, Stacks]:
+    """What each product takes of the far segment (3×k each)."""
+    mass, half, drag = far.mass, far.by_dq, far.drag
+    dragging = drag.moment + far.spin
+    turned, rate = far.by_q.moment + far.turned, 2 * far.mass_rate + dragging
+    stacks = {"above by_q": (turned, far.by_q.force)}
+    stacks["above by_dq"] = (2 * half.moment - dragging, 2 * half.force - drag.force)
+    stacks["above coriolis"] = (half.moment, half.force)
+    stacks["mass"] = (mass.moment, mass.force)
+    stacks["below by_dq"] = (rate, drag.force, 2 * mass.moment, 2 * mass.force)
+    stacks["below coriolis"] = (far.mass_rate + dragging, drag.force, mass.moment, mass.force)
+    stacks["below by_q"] = (far.static, rate, drag.force, mass.moment, mass.force)
+    return stacks
+
+
+def _couple(blocks: Blocks, here: list[int], screw: Screw, there: list[int], far: Columns) -> None:
     """Blocks between a segment (`here`) and one beyond it (`there`)."""
-    (W, W1, W2), (_, U1, U2) = screw.W, screw.U
-    turned = Wrenches(far.by_q.force, far.by_q.moment + far.turned)
-    blocks.by_q[here, there] = _reach(screw, turned)
-    half = _reach(screw, far.by_dq)
-    drag = _reach(screw, far.drag) + W.T @ far.spin
-    blocks.coriolis[here, there] = half
-    blocks.by_dq[here, there] = 2 * half - drag
-    mass = _reach(screw, far.mass)
-    blocks.by_ddq[here, there] = mass
-    blocks.by_ddq[there, here] = mass.T
-    rate = far.mass.moment.T @ W1 + far.mass_rate.T @ W + far.mass.force.T @ U1
-    blocks.coriolis[there, here] = rate + drag.T
-    blocks.by_dq[there, here] = 2 * rate + drag.T
-    inertial = far.mass.moment.T @ W2 + 2 * far.mass_rate.T @ W1 + far.mass.force.T @ U2
-    dragged = (far.drag.moment + far.spin).T @ W1 + far.drag.force.T @ U1
-    blocks.by_q[there, here] = inertial + dragged + far.static.T @ W
-
-
-def _add_viscosity(blocks: Blocks, chain: Chain) -> None:
-    for segment in chain.segments:
-        for kind, i in segment.states.items():
-            if segment.viscosity is not None:
-                blocks.by_dq[i, i] += segment.viscosity[kind]
-                blocks.coriolis[i, i] += segment.viscosity[kind]
+    near, forces = motion_stacks(screw), force_stacks(far)
+    product = {n: ca.vertcat(*near[n]).T @ ca.vertcat(*forces[n]) for n in near}
+    for name in ("by_q", "by_dq", "coriolis"):
+        getattr(blocks, name)[here, there] = product[f"above {name}"]
+        getattr(blocks, name)[there, here] = product[f"below {name}"].T
+    blocks.by_ddq[here, there] = product["mass"]
+    blocks.by_ddq[there, here] = product["mass"].T

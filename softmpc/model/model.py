@@ -17,11 +17,12 @@ import numpy as np
 
 from softmpc.model import energy, newton_euler, places, virtual_power
 from softmpc.model.chain import Chain, State
+from softmpc.model.counting import executed
 from softmpc.model.drive_functions import DriveFunctions, sparse_times
 from softmpc.model.effects import Effect, TipLoad
 from softmpc.model.formulations import NewtonEuler
 from softmpc.model.hydraulics import DriveMatrices
-from softmpc.model.jacobians import Jacobians, residual_of
+from softmpc.model.jacobians import Jacobians, residual_of, split_pressures
 from softmpc.model.layout import Layout
 from softmpc.model.report import COUNTED, describe, massless_strains, require_mass
 from softmpc.model.scene import Scene
@@ -76,8 +77,7 @@ class Model(DriveFunctions):
 
     @cached_property
     def _pressures(self) -> list[Any]:
-        counts = [section.units for section in self.scene.manipulator.sections]
-        return ca.vertsplit(self._p, [0, *np.cumsum(counts).tolist()])
+        return split_pressures(self.chain, self._p)
 
     @property
     def _printed(self) -> bool:
@@ -109,9 +109,9 @@ class Model(DriveFunctions):
             return ca.substitute(r, rates, ca.SX.zeros(2 * self.strains))
         return residual_of(self.chain, state, self._pressures)
 
-    @property
+    @cached_property
     def _jacobians(self) -> Jacobians:
-        return Jacobians(self.chain, self._state, self._pressures)
+        return Jacobians(self.chain, self._state, self._p)
 
     @cached_property
     def residual(self) -> ca.Function:
@@ -121,17 +121,15 @@ class Model(DriveFunctions):
     @cached_property
     def residual_jacobian(self) -> ca.Function:
         """(q, dq, ddq, p) -> ∂r/∂q, ∂r/∂dq, ∂r/∂ddq (n×n) and ∂r/∂p (n×m)."""
-        r = self._residual_at(self._state)
-        s = self._state
-        if self._printed:
-            blocks = [ca.sparsify(ca.jacobian(r, x)) for x in (s.q, s.dq, s.ddq)]
-        else:
-            blocks = self._jacobians.by_motion()
-        blocks.append(ca.jacobian(r, self._p))
         names = ("by_q", "by_dq", "by_ddq", "by_p")
-        return self._function(
-            "residual_jacobian", self._symbols, dict(zip(names, blocks, strict=True))
-        )
+        if self._printed:
+            r, symbols = self._residual_at(self._state), self._symbols
+            blocks = [ca.sparsify(ca.jacobian(r, x)) for x in self._state.columns]
+            blocks.append(ca.jacobian(r, self._p))
+        else:
+            j = self._jacobians
+            blocks, symbols = [*j.by_motion(), j.by_pressures()], j.symbols
+        return self._function("residual_jacobian", symbols, dict(zip(names, blocks, strict=True)))
 
     @cached_property
     def residual_along(self) -> ca.Function:
@@ -144,15 +142,17 @@ class Model(DriveFunctions):
     @cached_property
     def M(self) -> ca.Function:
         """Inertia matrix M(q) (n×n); empty of nonzeros without inertia."""
-        matrix = self._balance.M if self._printed else self._jacobians.inertia(self._rest)
-        return self._function("M", {"q": self._state.q}, {"M": ca.sparsify(matrix)})
+        if self._printed:
+            return self._function("M", {"q": self._state.q}, {"M": self._balance.M})
+        state = self._jacobians.state
+        return self._function("M", {"q": state.q}, {"M": self._jacobians.inertia(State(state.q))})
 
     @cached_property
     def C(self) -> ca.Function:
         """Coriolis and damping matrix C(q, dq) (n×n); Ṁ - 2C is skew but for damping."""
-        s = self._state
+        s = self._state if self._printed else self._jacobians.state
         matrix = self._balance.C if self._printed else self._jacobians.rates()
-        return self._function("C", {"q": s.q, "dq": s.dq}, {"C": ca.sparsify(matrix)})
+        return self._function("C", {"q": s.q, "dq": s.dq}, {"C": matrix})
 
     @cached_property
     def N(self) -> ca.Function:
@@ -169,16 +169,17 @@ class Model(DriveFunctions):
     @cached_property
     def equations(self) -> ca.Function:
         """(q, dq, p) -> M, C, N, τ of (26) in one pass, cheaper than one by one."""
-        s = self._state
-        if self._printed:
-            terms = [self.M(s.q), self.C(s.q, s.dq), self.N(s.q), self.tau(s.q, self._p)]
+        symbols = self._symbols if self._printed else self._jacobians.symbols
+        q, dq, p = (symbols[name] for name in ("q", "dq", "p"))
+        if self._printed or self._jacobians.looped:
+            terms = [self.M(q), self.C(q, dq), self.N(q), self.tau(q, p)]
         else:
-            inertia = self._jacobians.inertia(State(s.q, s.dq))
+            inertia = self._jacobians.inertia(State(q, dq))
             highest = 7  # the same Stumpff functions as the derivatives use
             rest = [self._position_forces(highest), self._input_forces(highest)]
             terms = [inertia, self._jacobians.rates(), *rest]
         outputs = dict(zip(("M", "C", "N", "tau"), terms, strict=True))
-        return self._function("equations", {"q": s.q, "dq": s.dq, "p": self._p}, outputs)
+        return self._function("equations", {"q": q, "dq": dq, "p": p}, outputs)
 
     def _position_forces(self, highest: int | None) -> ca.SX:
         none = [None] * len(self._pressures)
@@ -210,13 +211,14 @@ class Model(DriveFunctions):
     @cached_property
     def stiffness(self) -> ca.Function:
         """(q, p) -> tangent stiffness ∂(N - τ)/∂q (n×n), and ∂(N - τ)/∂p (n×m)."""
-        r = self._residual_at(self._rest)
         if self._printed:
-            K = ca.sparsify(ca.jacobian(r, self._state.q))
+            r, symbols = self._residual_at(self._rest), self._symbols
+            K, by_p = ca.sparsify(ca.jacobian(r, self._state.q)), ca.jacobian(r, self._p)
         else:
-            K = self._jacobians.stiffness()
-        symbols = {"q": self._state.q, "p": self._p}
-        return self._function("stiffness", symbols, {"K": K, "by_p": ca.jacobian(r, self._p)})
+            symbols = self._jacobians.symbols
+            K, by_p = self._jacobians.stiffness(), self._jacobians.by_pressures()
+        inputs = {name: symbols[name] for name in ("q", "p")}
+        return self._function("stiffness", inputs, {"K": K, "by_p": by_p})
 
     # --- motion --------------------------------------------------------------------------------
 
@@ -297,8 +299,8 @@ class Model(DriveFunctions):
     # --- for people ----------------------------------------------------------------------------
 
     def instructions(self) -> dict[str, int]:
-        """Instruction counts of the functions a scene needs, by name."""
-        return {name: getattr(self, name).n_instructions() for name in COUNTED}
+        """Instructions executed in one call of each function a scene needs, by name."""
+        return {name: executed(getattr(self, name)) for name in COUNTED}
 
     def __repr__(self) -> str:
         return describe(self)

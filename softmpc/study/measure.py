@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.model.counting import executed
 from softmpc.model.model import Model
 from softmpc.simulation.compare import compare
 from softmpc.simulation.integrator import IntegrationError
@@ -43,7 +44,7 @@ class Errors:
 class Cost:
     """What a model costs: sizes of its functions and states, and time to run the motion, s."""
 
-    residual: int  # instructions
+    residual: int  # instructions executed in one call
     residual_jacobian: int
     drive: int  # instructions of the drive's rate and its derivatives, where it has states
     states: int
@@ -54,10 +55,10 @@ class Cost:
         moving = model.strains * (2 if model.order == 2 else 1)
         drive = 0
         if len(model.layout.z):
-            drive = model.drive_rate.n_instructions() + model.drive_jacobian.n_instructions()
+            drive = executed(model.drive_rate) + executed(model.drive_jacobian)
         return cls(
-            residual=model.residual.n_instructions(),
-            residual_jacobian=model.residual_jacobian.n_instructions(),
+            residual=executed(model.residual),
+            residual_jacobian=executed(model.residual_jacobian),
             drive=drive,
             states=moving + len(model.layout.z),
             wall_s=wall_s,

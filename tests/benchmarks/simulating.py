@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from softmpc import load_scene
+from softmpc.model.counting import executed
 from softmpc.model.model import Model, build
 from softmpc.model.scene_file import read_document
 from softmpc.simulation.idas import Idas
@@ -84,7 +85,7 @@ def growth_table(segments: list[int]) -> None:
         ramp()
         each = 1e6 * median_time(ramp) / 50
         growth = "" if before is None else f"{each / before:.2f}"
-        counts = (model.residual.n_instructions(), model.residual_jacobian.n_instructions())
+        counts = (executed(model.residual), executed(model.residual_jacobian))
         print(f"{count:9d}  {counts[0]:12,d}  {counts[1]:12,d}  {each:6.0f}  {growth}", flush=True)
         before = each
     os.environ.pop("SOFTMPC_COMPILE")
@@ -99,7 +100,9 @@ def start_to_result() -> None:
             began = time.perf_counter()
             subprocess.run(command, check=True, capture_output=True, env=variables)
             kept = ", compiled before" if mode == "require" and any(Path(cache).iterdir()) else ""
-            print(f"  SOFTMPC_COMPILE={mode:8} {time.perf_counter() - began:6.2f} s{kept}", flush=True)
+            print(
+                f"  SOFTMPC_COMPILE={mode:8} {time.perf_counter() - began:6.2f} s{kept}", flush=True
+            )
 
 
 if __name__ == "__main__":
