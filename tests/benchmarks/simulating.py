@@ -2,8 +2,8 @@
 
 For the paper's step of Fig. 12 and ramps of Figs 8 and 14, with full hydraulics: times real time in
 CasADi's virtual machine and compiled, and the largest distance of a section tip from a reference
-(IDAS at 1e-10). Then what one implicit step costs with the number of segments, and the time from
-the start of the process to the result. Times are medians.
+(IDAS at 1e-10). Then what one implicit step costs with the number of segments and with what a scene
+has, and the time from the start of the process to the result. Times are medians.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from softmpc import load_scene
+from softmpc import StaticDrive, load_scene
 from softmpc.model.counting import executed
+from softmpc.model.drive_effects import ChamberCoupling
 from softmpc.model.model import Model, build
 from softmpc.model.scene_file import read_document
-from softmpc.simulation.idas import Idas
+from softmpc.simulation.cvodes import Cvodes
+from softmpc.simulation.inputs import InputProfile
 from softmpc.simulation.run import simulate, start_state
 from softmpc.simulation.runge_kutta import RadauIIA
 from softmpc.simulation.settings import read_settings
@@ -72,6 +74,47 @@ def speed_table(segments: list[int]) -> None:
     os.environ.pop("SOFTMPC_COMPILE")
 
 
+def scene_table() -> None:
+    """One implicit step of scenes that have less, and a run under CVODES, drive included."""
+    whole = load_scene(EXAMPLES / "ramp_fig14.toml")
+    still = tuple(
+        e for e in whole.effects if e.name not in ("inertia", "coriolis", "rotary_inertia")
+    )
+    flat = tuple(e for e in whole.effects if e.name != "rotary_inertia")
+    plane = ("epsilon", "kappa_y")
+    scenes = {
+        "as given": whole,
+        "no hydraulics (static drive)": whole.with_(actuation=StaticDrive()),
+        "planar": whole.with_(strains=plane, effects=flat),
+        "quasi-static": whole.with_(effects=still),
+        "planar, quasi-static, static drive": whole.with_(
+            strains=plane, effects=still, actuation=StaticDrive()
+        ),
+        "with chamber_coupling": whole.with_(effects=(*whole.effects, ChamberCoupling())),
+    }
+    print("\nscene                               states  one step        CVODES, 1 s of ramp")
+    print("                                            µs     factor   s       factor")
+    os.environ["SOFTMPC_COMPILE"] = "never"
+    first: list[float] = []
+    for name, scene in scenes.items():
+        model = build(scene)
+        rest, end = start_state(model, InputProfile.of(6)), np.array([0.4, 0, 0, 0, 0, 0])
+        method = RadauIIA(model, step=0.01)
+        step = 1e6 * median_time(partial(method.advance, rest, 0 * end, 0.5, 1, end)) / 50
+        run = float("nan")
+        if model.order == 2:
+            cvodes = Cvodes(model, 1e-6)
+            run = median_time(partial(cvodes.advance, rest, 0 * end, 1.0, 1, 2 * end))
+        first = first or [step, run]
+        states = len(model.layout.x) if model.order == 2 else len(model.layout.q + model.layout.z)
+        print(
+            f"{name:35} {states:6d}  {step:5.0f}  {step / first[0]:6.2f}   {run:.4f}  "
+            f"{run / first[1]:6.3f}",
+            flush=True,
+        )
+    os.environ.pop("SOFTMPC_COMPILE")
+
+
 def growth_table(segments: list[int]) -> None:
     print("\nsegments   residual      Jacobian      one step (virtual machine)")
     print("a section  instructions  instructions  µs   against the row above")
@@ -109,4 +152,5 @@ if __name__ == "__main__":
     chosen = [int(word) for word in sys.argv[1:]] or [1, 2, 4, 8]
     speed_table(chosen)
     growth_table(chosen)
+    scene_table()
     start_to_result()
