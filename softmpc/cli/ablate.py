@@ -154,23 +154,28 @@ def _text(found: Ablation) -> str:
 
 
 def _table(found: Ablation) -> str:
-    from softmpc.study.lengths import length_text
-
     sections = range(1, found.baseline.motion.tips.shape[1] + 1)
     by_section = [f"max {i}" for i in sections] if len(sections) > 1 else []
     head = ["change", "tip max", "tip RMS", *by_section, "time", "instructions", "states"]
     body: list[list[str]] = []
+    floor = found.baseline.floor_m
     for row in found.rows:
         if row.errors is None or row.cost is None:
             continue
-        largest = [length_text(e) for e in row.errors.largest]
-        shown = [row.change.name, largest[-1], length_text(row.errors.rms[-1])]
+        largest = [_error(e, floor) for e in row.errors.largest]
+        shown = [row.change.name, largest[-1], _error(row.errors.rms[-1], floor)]
         shown += largest if by_section else []
         instructions = row.cost.instructions / found.baseline.cost.instructions
         body.append([*shown, f"{row.time_ratio:.2f}", f"{instructions:.2f}", str(row.cost.states)])
     lines = _aligned([head, *body]) if body else []
     failed = [f"{r.change.name}: {r.status}" for r in found.rows if r.errors is None]
     return "\n".join([*lines, *(["", "not run:", *failed] if failed else [])])
+
+
+def _error(metres: float, floor: float) -> str:
+    from softmpc.study.lengths import length_text
+
+    return length_text(metres) if metres > floor else "< floor"
 
 
 def _aligned(rows: list[list[str]]) -> list[str]:

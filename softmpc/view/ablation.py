@@ -66,14 +66,14 @@ def _draw_errors(
     values = np.array([row.errors.largest[-1] for row in rows if row.errors])
     floor = max(found.baseline.floor_m, 1e-12)
     low = floor / 3
-    shown = np.maximum(values, low)
+    shown = np.where(values > floor, values, low)
     _bars(axes, rows, places, shown - low, left=low)
     axes.set_xscale("log")
     most = max([*shown.tolist(), tolerance_m or 0.0, 100 * floor])
     axes.set_xlim(low, most * 30)
     for place, value in zip(places, values, strict=True):
         text = length_text(value) if value > floor else "below the floor"
-        _write(axes, max(value, low), place, text)
+        _write(axes, value if value > floor else low, place, text)
     axes.axvline(floor, color=GREY, linewidth=1.0)
     _name_line(axes, floor, f"numerical floor {length_text(floor)}", GREY)
     if tolerance_m:
@@ -84,13 +84,21 @@ def _draw_errors(
 
 
 def _draw_times(axes: Axes, rows: list[Row], places: np.ndarray) -> None:
+    """Bars from 1 on a logarithmic scale: to the left what is faster."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     ratios = np.array([row.time_ratio for row in rows])
-    _bars(axes, rows, places, ratios)
+    axes.set_xscale("log")
+    _bars(axes, rows, places, ratios - 1, left=1.0)
     for place, ratio in zip(places, ratios, strict=True):
-        _write(axes, ratio if ratio > 1 else 1.0, place, f"{ratio:.2f}")  # clear of the line at 1
-    axes.set_xlim(0, 1.25 * max([1.0, *ratios.tolist()]))
+        _write(axes, ratio, place, f"{ratio:.2f}", before=ratio < 1)
+    low, high = min([0.5, *ratios.tolist()]), max([2.0, *ratios.tolist()])
+    axes.set_xlim(low / (high / low) ** 0.2, high * (high / low) ** 0.2)
     axes.axvline(1.0, color=INK, linewidth=1.0)
     label(axes, "time over that of the scene as given", "")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _bars(axes: Axes, rows: list[Row], places: np.ndarray, widths: Any, **more: Any) -> None:
@@ -98,9 +106,12 @@ def _bars(axes: Axes, rows: list[Row], places: np.ndarray, widths: Any, **more: 
     axes.barh(places, widths, height=0.7, color=colours, zorder=2, **more)
 
 
-def _write(axes: Axes, x: float, y: float, text: str) -> None:
+def _write(axes: Axes, x: float, y: float, text: str, before: bool = False) -> None:
+    """A value beside the end of its bar."""
+    shift, side = (-3, "right") if before else (3, "left")
     axes.annotate(
-        text, (x, y), xytext=(3, 0), textcoords="offset points", va="center", fontsize=7,
+        text, (x, y), xytext=(shift, 0), textcoords="offset points",
+        va="center", ha=side, fontsize=7,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8}, zorder=3,
     )  # fmt: skip
 
