@@ -6,9 +6,8 @@ import sys
 from pathlib import Path
 
 PAGE = Path(__file__).parent / "ablation.md"
-MARKED = re.compile(
-    r"(<!-- table -->\n```console\n\$ (softmpc [^\n]*)\n).*?(```\n<!-- end -->)", re.S
-)
+HEAD = r"(<!-- table -->\n```bash\n(softmpc [^\n]*)\n```\n\n```text\n)"
+MARKED = re.compile(HEAD + r".*?(```\n<!-- end -->)", re.DOTALL)
 
 if __name__ == "__main__":
     page = PAGE.read_text(encoding="utf-8")
