@@ -49,11 +49,19 @@ def example(name: str) -> Simulation:
 # --- runs ----------------------------------------------------------------------------------------
 
 
-def test_breakpoints_are_hit() -> None:
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        {"method": "idas", "tolerance": 1e-9},
+        {"tip_tolerance": 1e-8},
+        {"method": "gauss", "step": 1e-3},
+    ],
+)
+def test_breakpoints_are_hit(numbers: dict[str, Any]) -> None:
     """Between samples as well; the reference is cut there by hand."""
     moves = [Step(1, 0.0123, 1.5), Ramp(4, 0.02, 0.0471, 30.0), Step(5, 0.05, 1.0)]
     profile = InputProfile.of(6, moves)
-    run = simulate(MODEL, profile, 0.1, sample_time=0.03, method="idas", tolerance=1e-9)
+    run = simulate(MODEL, profile, 0.1, sample_time=0.03, **numbers)
     assert run.time.tolist() == [0.0, 0.03, 0.06, 0.09, 0.1]
     x, plant = start_state(MODEL, profile), Idas(MODEL, 1e-10)
     for a, b in ((0, 0.0123), (0.0123, 0.02), (0.02, 0.0471), (0.0471, 0.05), (0.05, 0.1)):
