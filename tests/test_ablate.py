@@ -33,12 +33,13 @@ from softmpc.model.parameters import Hydraulics, Manipulator, Section
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document, save_scene, scene_to_dict, write_document
 from softmpc.simulation.inputs import InputProfile, Step
+from softmpc.simulation.integrator import IntegrationError
 from softmpc.simulation.run import simulate, simulate_file
 from softmpc.simulation.settings import SimulationSettings
 from softmpc.study.ablate import Ablation, Baseline, Row, ablate, ablate_file, read_study
 from softmpc.study.changes import adding, driving, without
 from softmpc.study.lengths import length_m, length_text
-from softmpc.study.measure import Cost, Runner
+from softmpc.study.measure import Cost, Runner, motion_of
 from softmpc.study.propose import propose, write_proposal
 from softmpc.study.variants import additions, variants
 
@@ -98,6 +99,12 @@ def row_of(found: Ablation, start: str) -> Row:
 
 
 # ---------------------------------------------------------------- rows
+
+
+def test_a_run_that_takes_too_long_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("softmpc.study.measure.PATIENCE", 0.0)
+    with pytest.raises(IntegrationError, match="took longer than 0 s"):
+        motion_of(build(planar()), BENDING)
 
 
 def test_row_is_the_difference_of_two_runs(found: Ablation) -> None:

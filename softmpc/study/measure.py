@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
@@ -19,6 +20,7 @@ from softmpc.simulation.settings import SimulationSettings
 __all__ = ["TIGHT", "Cost", "Errors", "Runner", "motion_of"]
 
 TIGHT = 1e-8  # m at the tip, a step, in motions that are compared
+PATIENCE = 60.0  # s that one run may take
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +102,15 @@ def motion_of(model: Model, settings: SimulationSettings, **changes: Any) -> Sim
     """The whole motion of some settings, with changes of the arguments of `simulate`.
 
     Raises `KeyboardInterrupt` when it is interrupted, `IntegrationError` where its end is not
-    reached or it has values that are not finite.
+    reached, or not within `PATIENCE`, or it has values that are not finite.
     """
-    done = simulate(model, **(vars(settings) | changes))
+    began = time.perf_counter()
+
+    def patience(reached: float, duration: float) -> None:
+        if time.perf_counter() - began > PATIENCE:
+            raise IntegrationError(f"took longer than {PATIENCE:g} s")
+
+    done = simulate(model, **(vars(settings) | {"progress": patience} | changes))
     if done.status == "interrupted":
         raise KeyboardInterrupt
     if not done.finished:
