@@ -98,8 +98,8 @@ class Transcription:
     @cached_property
     def interval(self) -> ca.Function:
         """(x, u, a) scaled -> defects (s·n residuals, then x⁺) and their Jacobian."""
-        looped = self.model.residual_jacobian.is_a("MXFunction")  # can be called on MX alone
-        kind, sparsify = (ca.MX, ca.MX) if looped else (ca.SX, ca.sparsify)
+        looped = self.model.residual_jacobian.is_a("MXFunction")  # a call on SX would unroll it
+        kind: Any = ca.MX if looped else ca.SX
         x, u, a = (kind.sym(s, k) for s, k in (("x", self.nx), ("u", self.nu), ("a", self.na)))
         X, U, A = x * self.x_scale, u * self.u_scale, a * self.a_scale
         rows, jacobians = self._stage_rows(X, U, A)
@@ -107,7 +107,7 @@ class Transcription:
         scale = ca.DM(np.concatenate([self.x_scale, self.u_scale, self.a_scale]))
         J = ca.vertcat(*jacobians) @ ca.diag(scale)
         J = ca.vertcat(J, ca.jacobian(after, ca.vertcat(x, u, a)))
-        outputs = [ca.vertcat(*rows, after), sparsify(J)]
+        outputs = [ca.vertcat(*rows, after), J if looped else ca.sparsify(J)]
         return ca.Function("interval", [x, u, a], outputs, {"cse": True})
 
     def _at_stage(self, s: int, X: Any, U: Any, A: Any) -> tuple[Any, ...]:

@@ -194,8 +194,10 @@ class Link(Base):
         velocity, acceleration = self.motion.at(tip.p)
         spin, spin_rate = self.motion.turned(tip.turn)
         motion = Motion(*(back @ x for x in (spin, spin_rate, velocity, acceleration)))
-        passed = (back @ x for x in (self.gravity, self.load_force, self.load_moment))
-        return Base(motion, *passed, place, self.rotation @ tip.rotation, head)
+        gravity, force, moment = (
+            back @ x for x in (self.gravity, self.load_force, self.load_moment)
+        )
+        return Base(motion, gravity, force, moment, place, self.rotation @ tip.rotation, head)
 
 
 class Chain:

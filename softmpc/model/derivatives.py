@@ -92,8 +92,8 @@ def held_forces(
         points.append(Point(moving.arc, moving.length, Jet(q), 0, ca.vertsplit(c)))
         f, n = ca.SX.sym("f", 3), ca.SX.sym("n", 3)
         symbols += [c, f, n]
-        values += [ca.vertcat(*moving.values[:-2]), force]
-        values += [ca.SX.zeros(3) if moment is None else moment]
+        values += [ca.vertcat(*moving.values[:-2]), ca.densify(force)]
+        values += [ca.SX.zeros(3) if moment is None else ca.densify(moment)]
         share_l, share_w = points[-1].pull(f, None if moment is None else n)
         on_l, on_w = on_l + place * share_l, on_w + place * share_w
     still = replace(link, tip=points[0])
@@ -215,7 +215,11 @@ def motion_stacks(screw: Screw) -> dict[str, Stacks]:
     """What each product takes of the near segment (3×k each)."""
     (W, W1, W2), (U, U1, U2) = screw.W, screw.U
     rate = (W, U, W1, U1)
-    near = {"above by_q": (W, U), "above by_dq": (W, U), "above coriolis": (W, U)}
+    near: dict[str, Stacks] = {
+        "above by_q": (W, U),
+        "above by_dq": (W, U),
+        "above coriolis": (W, U),
+    }
     near |= {"mass": (W, U), "below by_dq": rate, "below coriolis": rate}
     return near | {"below by_q": (W, W1, U1, W2, U2)}
 
@@ -225,7 +229,7 @@ def force_stacks(far: Columns) -> dict[str, Stacks]:
     mass, half, drag = far.mass, far.by_dq, far.drag
     dragging = drag.moment + far.spin
     turned, rate = far.by_q.moment + far.turned, 2 * far.mass_rate + dragging
-    stacks = {"above by_q": (turned, far.by_q.force)}
+    stacks: dict[str, Stacks] = {"above by_q": (turned, far.by_q.force)}
     stacks["above by_dq"] = (2 * half.moment - dragging, 2 * half.force - drag.force)
     stacks["above coriolis"] = (half.moment, half.force)
     stacks["mass"] = (mass.moment, mass.force)
@@ -238,7 +242,7 @@ def force_stacks(far: Columns) -> dict[str, Stacks]:
 def _couple(blocks: Blocks, here: list[int], screw: Screw, there: list[int], far: Columns) -> None:
     """Blocks between a segment (`here`) and one beyond it (`there`)."""
     near, forces = motion_stacks(screw), force_stacks(far)
-    product = {n: ca.vertcat(*near[n]).T @ ca.vertcat(*forces[n]) for n in near}
+    product: dict[str, SX] = {n: ca.vertcat(*near[n]).T @ ca.vertcat(*forces[n]) for n in near}
     for name in ("by_q", "by_dq", "coriolis"):
         getattr(blocks, name)[here, there] = product[f"above {name}"]
         getattr(blocks, name)[there, here] = product[f"below {name}"].T

@@ -52,13 +52,15 @@ class Jacobians:
     """Derivatives of `residual_of` for one chain, by `symbols`: those given, or MX if `looped`."""
 
     def __init__(self, chain: Chain, state: State, p: SX) -> None:
-        self.chain, self.linear, self.beyond = chain, chain.linear(), chain.beyond()
+        self.chain, self.linear = chain, chain.linear()
+        self.beyond: Any = chain.beyond()
         self.none: list[SX] = [None] * len(chain.scene.manipulator.sections)
         self._accelerated = self._needs_accelerations()
         self.looped = len(chain.segments) > MOST_WRITTEN_OUT and not self._accelerated
         self.state, self.p = state, p
         if self.looped:
-            self.state = State(*(ca.MX.sym(x, chain.size) for x in ("q", "dq", "ddq")))
+            symbols: list[SX] = [ca.MX.sym(x, chain.size) for x in ("q", "dq", "ddq")]
+            self.state = State(*symbols)
             self.p = ca.MX.sym("p", *p.shape)
 
     @property

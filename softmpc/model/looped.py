@@ -89,7 +89,7 @@ class _Loop:
     def _functions(self) -> None:
         self.x, local = self._symbols()
         self.base = _Passed(replace(self.chain.base(), head=ca.SX(0)))
-        self.base.settle([lambda b, k=k: _onward(self._link(k, local, b)) for k in self.kinds])
+        self.base.settle(lambda b: [_onward(self._link(k, local, b)) for k in self.kinds])
         base, at = self.base.symbols("base")
         links = [self._link(kind, local, at) for kind in self.kinds]
         ends = [self.base.column(_onward(link)) for link in links]
@@ -98,7 +98,7 @@ class _Loop:
             _function(name, [base, self.x], [end]) for name, end in zip(names, ends, strict=True)
         ]
         self.beyond = _Passed(_beyond(at))
-        self.beyond.settle([lambda b, link=link: _back(link, *b) for link in links])
+        self.beyond.settle(lambda b: [_back(link, *b) for link in links])
         self.tip = _function("tip", [base], [self.beyond.column(_beyond(at))])
         backs = [self._pass_back(base, link) for link in links]
         products = {name for block in self.wanted for name in PRODUCTS[block]}
@@ -157,7 +157,8 @@ class _Loop:
             bases.append(self.onward[kind](bases[-1], x))
         beyond, outputs = self.tip(bases[-1]), []
         for i in reversed(range(len(strains))):
-            p = pressures[self.chain.segments[i].section_index] if self.driven else ca.MX(0, 1)
+            own = pressures[self.chain.segments[i].section_index]
+            p = own if self.driven and own is not None else ca.MX(0, 1)
             beyond, *rest = self.back[self.kind_of[i]](bases[i], beyond, strains[i], p)
             outputs.append(rest)
         columns = list(zip(*reversed(outputs), strict=True))
@@ -232,17 +233,14 @@ class _Passed:
         self.example = example
         self.patterns = [leaf.sparsity() for leaf in _leaves(example)]
 
-    def settle(self, steps: list[Callable[[Any], Any]]) -> None:
-        """Add the entries that segments bring, until they bring no new ones."""
+    def settle(self, steps: Callable[[Any], list[Any]]) -> None:
+        """Add the entries that the segments bring, until they bring no new ones."""
         before = None
         while before != self.patterns:
             before = self.patterns
-            for step in steps:
-                leaves = _leaves(step(self.symbols("any")[1]))
-                self.patterns = [
-                    pattern.unite(leaf.sparsity())
-                    for pattern, leaf in zip(self.patterns, leaves, strict=True)
-                ]
+            for thing in steps(self.symbols("any")[1]):
+                leaves = zip(self.patterns, _leaves(thing), strict=True)
+                self.patterns = [pattern.unite(leaf.sparsity()) for pattern, leaf in leaves]
 
     def symbols(self, name: str) -> tuple[ca.SX, Any]:
         """A column of symbols, and the thing made of it."""
@@ -269,7 +267,8 @@ def _leaves(thing: Any) -> list[SX]:
 def _like(example: Any, leaves: Iterator[SX]) -> Any:
     """The same nest with other matrices."""
     if is_dataclass(example):
-        return type(example)(*(_like(getattr(example, f.name), leaves) for f in fields(example)))
+        kind: Any = type(example)
+        return kind(*(_like(getattr(example, item.name), leaves) for item in fields(example)))
     if isinstance(example, list | tuple):
         return [_like(item, leaves) for item in example]
     return next(leaves)
