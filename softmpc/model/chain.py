@@ -194,10 +194,9 @@ class Link(Base):
         velocity, acceleration = self.motion.at(tip.p)
         spin, spin_rate = self.motion.turned(tip.turn)
         motion = Motion(*(back @ x for x in (spin, spin_rate, velocity, acceleration)))
-        gravity, force, moment = (
-            back @ x for x in (self.gravity, self.load_force, self.load_moment)
-        )
-        return Base(motion, gravity, force, moment, place, self.rotation @ tip.rotation, head)
+        gravity, rotation = back @ self.gravity, self.rotation @ tip.rotation
+        force, moment = back @ self.load_force, back @ self.load_moment
+        return Base(motion, gravity, force, moment, place, rotation, head)
 
 
 class Chain:

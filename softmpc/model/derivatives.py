@@ -239,10 +239,14 @@ def force_stacks(far: Columns) -> dict[str, Stacks]:
     return stacks
 
 
+def _stacked(parts: Stacks) -> SX:
+    return ca.vertcat(*parts)
+
+
 def _couple(blocks: Blocks, here: list[int], screw: Screw, there: list[int], far: Columns) -> None:
     """Blocks between a segment (`here`) and one beyond it (`there`)."""
     near, forces = motion_stacks(screw), force_stacks(far)
-    product: dict[str, SX] = {n: ca.vertcat(*near[n]).T @ ca.vertcat(*forces[n]) for n in near}
+    product = {n: _stacked(near[n]).T @ _stacked(forces[n]) for n in near}
     for name in ("by_q", "by_dq", "coriolis"):
         getattr(blocks, name)[here, there] = product[f"above {name}"]
         getattr(blocks, name)[there, here] = product[f"below {name}"].T

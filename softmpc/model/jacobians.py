@@ -28,7 +28,7 @@ __all__ = ["MOST_WRITTEN_OUT", "Jacobians", "residual_of", "split_pressures"]
 
 SX = Any  # CasADi's SX, or MX where the chain is long
 # Segments in all: from some five on the Jacobian written out is too large to compile, and takes
-# longer to build than small functions (`python -m tests.benchmarks.instructions`).
+# longer to build than small functions (`python -m tests.benchmarks.looping`).
 MOST_WRITTEN_OUT = 4
 
 
