@@ -19,6 +19,7 @@ from softmpc.simulation.tableau import Tableau
 
 __all__ = ["Start", "Stages"]
 
+REAL = 1e-12  # imaginary part of an eigenvalue below which it is real
 RUNNING, CONVERGED, FAILED = 0, 1, 2
 SLOWEST = 0.9  # a contraction above it says nothing about what is left
 ROUNDING = 1e-10  # m
@@ -44,44 +45,47 @@ class Stages:
         self.system, self.tableau, self.iterations = system, tableau, iterations
         self.patience = patience  # contraction above which the iterations are given up
         eigenvalues, vectors = np.linalg.eig(tableau.A)
-        upper = eigenvalues.imag > -1e-12  # of each complex pair, one is enough
+        upper = eigenvalues.imag > -REAL  # of each complex pair, one is enough
         self._lambdas = eigenvalues[upper]
         self._to_modes = np.linalg.inv(vectors)[upper]
         # A pair's second member is the conjugate: twice the real part stands for both.
-        self._back = vectors[:, upper] * np.where(self._lambdas.imag > 1e-12, 2.0, 1.0)
+        self._back = vectors[:, upper] * np.where(_is_pair(self._lambdas), 2.0, 1.0)
 
     # --- the matrices --------------------------------------------------------------------------
 
-    def inverses(self, blocks: list[Any], h: Any) -> list[Any]:
-        """For each eigenvalue the inverse matrix: real, or real part above imaginary part."""
+    def inverse(self, blocks: list[Any], h: Any) -> Any:
+        """The inverse matrices side by side (size×…), of a pair its real and imaginary part."""
         b0, b1, b2 = blocks
         eye = ca.MX(ca.DM.eye(self.system.size))
         found = []
         for value in self._lambdas:
             square = value**2
             real = b0 + (h * value.real) * b1 + (h**2 * square.real) * b2
-            if abs(value.imag) < 1e-12:
+            if not _is_pair(value):
                 found.append(ca.solve(ca.densify(real), eye, "qr"))
                 continue
             imag = (h * value.imag) * b1 + (h**2 * square.imag) * b2
             whole = ca.densify(ca.blockcat([[real, -imag], [imag, real]]))
-            found.append(ca.solve(whole, ca.vertcat(eye, 0 * eye), "qr"))
-        return found
+            found += ca.vertsplit(ca.solve(whole, ca.vertcat(eye, 0 * eye), "qr"), self.system.size)
+        return ca.horzcat(*found)
 
-    def solve(self, inverses: list[Any], rows: Any) -> Any:
+    def solve(self, inverse: Any, rows: Any) -> Any:
         """The Newton matrix solved for a right-hand side (size×s), by the inverses."""
-        m, total = self.system.size, 0.0
+        parts, total = iter(ca.horzsplit(inverse, self.system.size)), 0.0
         for j, value in enumerate(self._lambdas):
             to, back = self._to_modes[j], self._back[:, j]
-            real = rows @ ca.DM(to.real)
-            if abs(value.imag) < 1e-12:
-                total = total + (inverses[j] @ real) @ ca.DM(back.real).T
+            real, u = rows @ ca.DM(to.real), next(parts)
+            if not _is_pair(value):
+                total = total + (u @ real) @ ca.DM(back.real).T
                 continue
-            imag = rows @ ca.DM(to.imag)
-            u, v = inverses[j][:m, :], inverses[j][m:, :]
+            imag, v = rows @ ca.DM(to.imag), next(parts)
             x_real, x_imag = u @ real - v @ imag, v @ real + u @ imag
             total = total + x_real @ ca.DM(back.real).T - x_imag @ ca.DM(back.imag).T
         return total
+
+    @property
+    def _columns(self) -> int:
+        return sum(2 if _is_pair(value) else 1 for value in self._lambdas) * self.system.size
 
     # --- one step ------------------------------------------------------------------------------
 
@@ -138,7 +142,7 @@ class Stages:
         }
         y, state = given["y"], given["state"]
         start = self._unpacked(given["start"])
-        change = -self.solve(self._split(given["inverse"]), self.rows(start, y, given["w"]))
+        change = -self.solve(given["inverse"], self.rows(start, y, given["w"]))
         size = self.size_of(start.h, change)
         rate = ca.if_else(state[2] > 0, size / state[1], SLOWEST / 2)
         after = self._verdict(size, rate, state, given["wanted"])
@@ -158,39 +162,19 @@ class Stages:
         bounded = size < 1e6  # false for NaN too
         return ca.if_else(done, CONVERGED, ca.if_else(ca.logic_and(fine, bounded), RUNNING, FAILED))
 
-    @property
-    def _columns(self) -> int:
-        return sum(2 if value.imag > 1e-12 else 1 for value in self._lambdas) * self.system.size
-
-    def _split(self, inverse: Any) -> list[Any]:
-        m, found, at = self.system.size, [], 0
-        for value in self._lambdas:
-            real = inverse[:, at : at + m]
-            at += m
-            if value.imag > 1e-12:
-                real = ca.vertcat(real, inverse[:, at : at + m])
-                at += m
-            found.append(real)
-        return found
-
-    def _joined(self, inverses: list[Any]) -> Any:
-        m = self.system.size
-        parts = []
-        for value, inverse in zip(self._lambdas, inverses, strict=True):
-            parts.append(inverse[:m, :])
-            if value.imag > 1e-12:
-                parts.append(inverse[m:, :])
-        return ca.horzcat(*parts)
-
     def _unpacked(self, packed: Any) -> Start:
         n, k = self.system.n, self.system.k
         return Start(*ca.vertsplit(packed, [0, n, 2 * n, 2 * n + k, 2 * n + k + 1]))
 
-    def newton(self, start: Start, guess: Any, w: Any, inverses: list[Any], wanted: Any) -> Any:
+    def newton(self, start: Start, guess: Any, w: Any, inverse: Any, wanted: Any) -> Any:
         """Unknowns y (size×s), whether they solve the stages to `wanted` (m), and iterations."""
         packed = ca.vertcat(start.q, start.dq, start.z, start.h)
-        joined = self._joined(inverses)
         y, state = guess, ca.MX(ca.DM([RUNNING, 0.0, 0.0]))
         for _ in range(self.iterations):
-            y, state = self._iterate(state[0] == RUNNING, y, state, packed, w, joined, wanted)
+            y, state = self._iterate(state[0] == RUNNING, y, state, packed, w, inverse, wanted)
         return y, state[0] == CONVERGED, state[2]
+
+
+def _is_pair(value: Any) -> Any:
+    """Whether an eigenvalue stands for itself and its conjugate."""
+    return value.imag > REAL

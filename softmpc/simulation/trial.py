@@ -106,33 +106,34 @@ class Trials:
         guess = self._predicted(now, h)
         middle = [x[:, self.tableau.stages // 2] for x in (*self.stages.at(start, guess), guess, w)]
         blocks = self.system.blocks(*middle)
-        inverses = self.stages.inverses(list(blocks), h)
+        inverse = self.stages.inverse(list(blocks), h)
         wanted = NEWTON * given[1]
-        y, solved, used = self.stages.newton(start, guess, w, inverses, wanted)
+        y, solved, used = self.stages.newton(start, guess, w, inverse, wanted)
         error = ca.MX(0.0)
         if self.adaptive:
-            error = self._error(now["y"], y, blocks[0], inverses, h) / given[1]
+            error = self._error(now["y"], y, blocks[0], inverse, h) / given[1]
         accepted = ca.logic_and(solved, error <= 1)
         q, dq, z = self.stages.end(start, y)
         end = y @ ca.DM(self.tableau.lagrange(np.array(1.0)))
         if self.system.order == 1:
             dq = end[: self.system.n]
-        after = {
+        reached = {
             "t": ca.if_else(last, given[0], now["t"] + h),
-            "h": self._next(now, given, h, error, solved, accepted),
             "h_before": h,
             "failures": 0.0,
-            "refused": now["refused"],
             "q": q,
             "dq": dq,
             "z": z,
             "y": end,
             "stages": ca.vec(y),
         }
-        same = {**now, "h": after["h"], "failures": now["failures"] + 1}
-        same["refused"] = now["refused"] + 1
-        after["iterations"] = same["iterations"] = now["iterations"] + used
-        return ca.if_else(accepted, self.carry.pack(after), self.carry.pack(same))
+        missed = {"failures": now["failures"] + 1, "refused": now["refused"] + 1}
+        both = {
+            "h": self._next(now, given, h, error, solved, accepted),
+            "iterations": now["iterations"] + used,
+        }
+        outcomes = [self.carry.pack({**now, **both, **outcome}) for outcome in (reached, missed)]
+        return ca.if_else(accepted, *outcomes)
 
     def _length(self, now: dict[str, Any], given: Any) -> tuple[Any, Any]:
         """Length of the step, and whether it is the last: no sliver is left at the end."""
@@ -171,7 +172,7 @@ class Trials:
         ]
         return before @ ca.horzcat(*weights)
 
-    def _error(self, y0: Any, y: Any, by_y: Any, inverses: list[Any], h: Any) -> Any:
+    def _error(self, y0: Any, y: Any, by_y: Any, inverse: Any, h: Any) -> Any:
         """Estimate (m, at the tip) of the error of this step."""
         gamma, weights = self.tableau.embedded
         scaled = ca.horzcat(y0, y) / ca.repmat(
@@ -179,7 +180,7 @@ class Trials:
         )
         raw = scaled @ ca.DM([gamma, *weights])
         # What stiff modes would do with it in a step: the Newton matrix takes them out.
-        filtered = self.stages.solve(inverses, ca.repmat(by_y @ raw, 1, self.tableau.stages))[:, -1]
+        filtered = self.stages.solve(inverse, ca.repmat(by_y @ raw, 1, self.tableau.stages))[:, -1]
         n, levers = self.system.n, ca.DM(self.system.levers * self.system.y_scale)
         strains = h**self.system.order * filtered[:n]
         return ca.dot(levers, ca.fabs(ca.vertcat(strains, h * filtered[n:])))
