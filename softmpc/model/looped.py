@@ -64,6 +64,8 @@ class _Back:
 
 
 class _Loop:
+    """The small functions of one chain, and the calls of them."""
+
     def __init__(
         self, chain: Chain, state: State, driven: bool, wanted: tuple[str, ...], elastic: bool
     ) -> None:
