@@ -63,6 +63,8 @@ class Segment:
 
     def strains(self, column: ca.SX) -> ca.SX:
         """The four strains (or rates) of this segment; those that are no states are zero."""
+        if len(self.states) == 4:
+            return column[self.states[0] : self.states[3] + 1]  # one index is quicker than four
         return ca.vertcat(*(column[self.states[k]] if k in self.states else 0.0 for k in range(4)))
 
     @property
