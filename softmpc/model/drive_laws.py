@@ -15,7 +15,6 @@ from math import pi
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
-from scipy.optimize import brentq
 
 from softmpc.model.drive_effects import (
     BackDriving,
@@ -207,6 +206,8 @@ class UnitLaw:
 
     def rest_pressure(self, unstopped: float, swollen: float) -> float:
         """Pressure at rest with end stops (Pa), where `unstopped` is the pressure without."""
+        from scipy.optimize import brentq  # slow to import, and rarely needed
+
         pressure = ca.SX.sym("P")
         pushed = self.stop_force(self.place(pressure, pressure, swollen))
         missing = unstopped + pushed / self.hydraulics.piston_area - pressure
