@@ -63,7 +63,7 @@ def command(
     from softmpc.simulation.run import simulate_file
 
     changes = {} if duration is None else {"duration": duration}
-    changes |= _method(method, tip_tolerance, step)
+    changes |= _method(scene, method, tip_tolerance, step)
     with progress("simulating", "ms") as report:
         done = simulate_file(
             scene, lambda t, end: report(round(1e3 * t), round(1e3 * end)), **changes
@@ -87,19 +87,25 @@ def command(
     return Answer(data, _text(data), status, f"{done.status} at t = {done.duration_s:g} s")
 
 
-def _method(name: str | None, tip_tolerance: str | None, step: float | None) -> dict[str, Any]:
+def _method(
+    scene: Path, name: str | None, tip_tolerance: str | None, step: float | None
+) -> dict[str, Any]:
     """What the command line says in place of the scene file's method and its numbers."""
-    from softmpc.simulation.methods import Method
+    from softmpc.model.scene_file import read_document
+    from softmpc.model.tables import Table
+    from softmpc.simulation.settings import read_method
     from softmpc.study.lengths import length_m
 
     if name is None and tip_tolerance is None and step is None:
         return {}
-    given: dict[str, Any] = {"step": step, "tolerance": None, "tip_tolerance": None}
-    if tip_tolerance is not None:
-        given["tip_tolerance"] = length_m(tip_tolerance)
-    name = name or "radau"
-    Method(name, given["tip_tolerance"], None, step)  # says what does not go together
-    return {"method": name, **given}
+    numbers = {
+        "tip_tolerance": None if tip_tolerance is None else length_m(tip_tolerance),
+        "step": step,
+    }
+    given: dict[str, Any] = {key: value for key, value in numbers.items() if value is not None}
+    # A number alone goes to the method of the scene: it must not exchange that unsaid.
+    given["method"] = name or read_document(scene).get("simulate", {}).get("method", "radau")
+    return {**numbers, "tolerance": None, **read_method(Table(given, "command line:"))}
 
 
 def _draw(out: Path, scene: Path, done: Simulation, animate: bool) -> None:

@@ -30,7 +30,7 @@ from softmpc.simulation.columns import read_columns
 from softmpc.simulation.inputs import InputProfile, Ramp, Step
 from softmpc.simulation.methods import METHODS, Method
 
-__all__ = ["STARTS", "SimulationSettings", "read_profile_table", "read_settings"]
+__all__ = ["STARTS", "SimulationSettings", "read_method", "read_profile_table", "read_settings"]
 
 STARTS = ("rest", "straight")
 MPA = 1e6
@@ -62,13 +62,13 @@ def read_settings(document: dict[str, Any], model: Model, folder: Path) -> Simul
         duration=duration,
         sample_time=table.number("sample_time", 0.01, unit="s", low=1e-6, high=duration),
         start=table.string("start", "rest", STARTS),
-        **_read_method(table),
+        **read_method(table),
     )
     table.finish()
     return settings
 
 
-def _read_method(table: Table) -> dict[str, Any]:
+def read_method(table: Table) -> dict[str, Any]:
     """The method and its numbers, checked against each other."""
     ranges: dict[str, dict[str, Any]] = {
         "tip_tolerance": {"unit": "m", "low": 1e-12, "high": 0.1},

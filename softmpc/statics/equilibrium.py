@@ -145,9 +145,14 @@ def _result(model: Model, q: np.ndarray, reached: Any, p: Any, iterations: int) 
         tips=tips.T.copy(),
         rotations=np.stack(np.split(rotations, tips.shape[1], axis=1)),
         residual=float(r),
-        smallest_stiffness=float(np.linalg.eigvals(K).real.min()),
+        smallest_stiffness=_smallest(K),
         iterations=iterations,
     )
+
+
+def _smallest(K: np.ndarray) -> float:
+    """Smallest real part of the eigenvalues; nan where numbers of the model overflow."""
+    return float(np.linalg.eigvals(K).real.min()) if np.all(np.isfinite(K)) else float("nan")
 
 
 def _stretches(model: Model) -> list[int]:
