@@ -143,6 +143,10 @@ def test_text_names_what_shows() -> None:
     assert note.summary()["left_out_m"] == {"tube_inertance": 9e-3, "cavitation": 2e-6}
     nothing = replace(note, left_out=(), model=finding("model", None))
     assert nothing.text == "model error unknown, numerical 1 µm; left out: nothing that shows"
+    rounding = replace(
+        note, numerical=finding("numerical", 0.0), left_out=(finding("rotor_inertia", 3e-17),)
+    )
+    assert rounding.text.endswith("nothing that shows")
 
 
 def test_wrong_input(model: Model, motion: Simulation) -> None:

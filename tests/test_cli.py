@@ -335,6 +335,7 @@ def test_simulate_that_ends_early(
     assert result.exit_code == status
     assert json.loads(result.stdout)["status"] == ending
     assert result.stderr.startswith(f"error: {ending}")
+    assert result.stderr.count("t = ") == 1
     assert {"simulation.csv", "tips.png"} <= files(tmp_path / "out")
 
 

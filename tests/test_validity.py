@@ -139,6 +139,15 @@ def test_squeezed_segment() -> None:
     assert motion_warnings(m, times, np.zeros((2, 0)), np.zeros((2, 6)), q / 2) == []
 
 
+def test_stretched_segment() -> None:
+    m, times = model(actuation=StaticDrive()), np.array([0.0, 1.0])
+    q = np.zeros((2, 8))
+    q[1, 4] = 70.0
+    (warning,) = motion_warnings(m, times, np.zeros((2, 0)), np.zeros((2, 6)), q)
+    assert (warning.kind, warning.where, warning.value) == ("strain", "epsilon_2_1", 70.0)
+    assert motion_warnings(m, times, np.zeros((2, 0)), np.zeros((2, 6)), q / 100) == []
+
+
 @pytest.mark.parametrize("drive", [StaticDrive(), PressureDrive(), SlowDrive()])
 def test_drives_without_tubes_have_nothing_to_say(drive: Any) -> None:
     m = model(actuation=drive)

@@ -215,6 +215,17 @@ def test_strains(model: Model, tmp_path: Path) -> None:
     assert len(made.axes) == len(model.scene.strains)
 
 
+@pytest.mark.parametrize(("segments", "names"), [(2, 4), (8, 2)])
+def test_strains_name_sections_where_dashes_would_repeat(segments: int, names: int) -> None:
+    parts = {"segments": segments, "strains": ["epsilon", "kappa_y"]}
+    fine = build(scene_from_dict({"model": parts}))
+    made = time_plots.strains_figure(fine, *sway(fine))
+    legend = made.axes[0].get_legend()
+    assert legend is not None
+    assert len({text.get_text() for text in legend.get_texts()}) == names
+    assert len(made.axes[0].get_lines()) == 2 * segments
+
+
 def test_drive(model: Model, tmp_path: Path) -> None:
     run = run_of(model)
     made = time_plots.inputs_figure(model, run.control_time, run.u, run.p[:-1:2])

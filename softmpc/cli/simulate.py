@@ -83,8 +83,10 @@ def command(
             return Answer(data, _text(data), INTERRUPTED, problem)
     if done.finished:
         return Answer(data, _text(data))
-    status = INTERRUPTED if done.status == "interrupted" else NOT_CONVERGED
-    return Answer(data, _text(data), status, f"{done.status} at t = {done.duration_s:g} s")
+    if done.status == "interrupted":
+        problem = f"interrupted at t = {done.duration_s:g} s"
+        return Answer(data, _text(data), INTERRUPTED, problem)
+    return Answer(data, _text(data), NOT_CONVERGED, done.status)  # which says when
 
 
 def _method(

@@ -30,6 +30,7 @@ SUCTION = -5e3  # Pa, gauge: less is not worth a word
 INERT = 0.1  # of the highest pressure
 SLACK = 1e-4  # m, of the piston's travel
 SQUEEZED = -0.5  # ε; at -1 a segment has no length
+STRETCHED = 1.0  # ε; rubber stiffens, (17) does not
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,16 @@ def _strains(s: _Samples) -> Iterator[MotionWarning]:
     columns = [i for i, name in enumerate(names) if name.startswith("epsilon")]
     if s.q is None or not columns:
         return
-    time, column, value = s.worst(-np.asarray(s.q, dtype=float)[:, columns])
+    stretches = np.asarray(s.q, dtype=float)[:, columns]
+    time, column, value = s.worst(stretches)
+    if value > STRETCHED:
+        name = names[columns[column]]
+        said = (
+            f"{name} rose to {value:.3g} at t = {time:.3g} s: the wall's law is for small strains, "
+            "and at 1 a segment is twice as long as at rest"
+        )
+        yield MotionWarning("strain", time, name, value, STRETCHED, "", None, said)
+    time, column, value = s.worst(-stretches)
     if -value < SQUEEZED:
         name = names[columns[column]]
         said = (

@@ -61,7 +61,7 @@ class Certificate:
     @property
     def text(self) -> str:
         """One line for people."""
-        floor = SEEN * (self.numerical.worst_m or 0.0)
+        floor = SEEN * max(self.numerical.worst_m or 0.0, TIGHT)
         seen = [f for f in self.left_out if f.worst_m is not None and f.worst_m > floor]
         names = ", ".join(f"{f.name.replace('_', ' ')} {_length(f)}" for f in seen)
         error = f"model error {_length(self.model)}, numerical {_length(self.numerical)}"

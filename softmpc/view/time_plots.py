@@ -12,6 +12,7 @@ import numpy as np
 
 from softmpc.view.style import (
     ALARM,
+    DASHES,
     GREY,
     INK,
     REFERENCE,
@@ -95,7 +96,7 @@ def strains_figure(model: Model, time: np.ndarray, q: np.ndarray, title: str = "
         name, unit, factor = STRAIN_LABELS[kind]
         for i in range(by_segment.shape[1]):
             s, part = divmod(i, scene.segments)
-            text = f"section {s + 1}" + (f", segment {part + 1}" if scene.segments > 1 else "")
+            text = _segment_name(s, part, scene.segments)
             style = dash(part if scene.segments > 1 else s)
             look = {"color": colour(s), "linestyle": style, "linewidth": width(s)}
             one.plot(time, factor * by_segment[:, i, k], **look, label=text)
@@ -103,6 +104,15 @@ def strains_figure(model: Model, time: np.ndarray, q: np.ndarray, title: str = "
         _show_at_least(one)
     _finish(axes)
     return made
+
+
+def _segment_name(section: int, part: int, segments: int) -> str:
+    """Name of a segment's curve in a legend: one a section where dashes would repeat."""
+    if segments == 1:
+        return f"section {section + 1}"
+    if segments <= len(DASHES):
+        return f"section {section + 1}, segment {part + 1}"
+    return f"section {section + 1}, {segments} segments" if part == 0 else "_"  # not in the legend
 
 
 @styled
