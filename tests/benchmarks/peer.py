@@ -1,10 +1,12 @@
 """softmpc beside a peer, soromox (JAX): `python -m tests.benchmarks.peer`.
 
 Needs `pip install soromox`, which softmpc does not depend on; without it one line says so and the
-exit status is 2. Prints two motions of 10 s, a row for soromox and four for softmpc: pressures
-given directly (the same content) and full hydraulics (which soromox does not have), each in
-CasADi's virtual machine and compiled by a C compiler, nothing being compiled before. Each row is
-the medians of 5 processes of its own; the rows take turns.
+exit status is 2. `--solver` and `--tolerance` change how soromox integrates.
+
+Prints two motions of 10 s, a row for soromox and four for softmpc: pressures given directly (the
+same content) and full hydraulics (which soromox does not have), each in CasADi's virtual machine
+and compiled by a C compiler, nothing being compiled before. Times are the medians of 5 processes of
+their own; the rows take turns.
 
 Alike: two constant-strain sections with stretch, bending and twist (soromox's shears are switched
 off), start straight and unstretched, lengths, weight, mass spread along the arm (2 Gauss points),
@@ -263,7 +265,7 @@ def table(motion: str, peer: Answer) -> None:
         for row, (call, mode) in calls.items():
             answers[row].append(measured(call | {"check": run == 0}, mode))
     title = f"{motion}, {DURATION:g} s"
-    print(f"\n{title:29}  set up  motion  × real  start to  ratio of        error   end of the tip")
+    print(f"{title:29}  set up  motion  × real  start to  ratio of        error   end of the tip")
     print(f"{'':29}  s       s       time    result s  motion  result  mm      mm")
     for row, many in answers.items():
         m = {name: middle(many, name) for name in ("setup", "seconds", "whole")}
