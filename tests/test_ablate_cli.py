@@ -106,6 +106,13 @@ def test_files(answered: Answered) -> None:
     assert softmpc("simulate", out / "proposed.toml", "--json").exit_code == 0
 
 
+def test_the_proposal_moves_as_long_as_it_was_proved(scene: Path, tmp_path: Path) -> None:
+    words = ("--repeats", 1, "--tolerance", "2mm", "--duration", 0.05, "--out", tmp_path)
+    assert softmpc("ablate", scene, *words).exit_code == 0
+    found = json.loads(softmpc("simulate", tmp_path / "proposed.toml", "--json").stdout)
+    assert found["duration_s"] == pytest.approx(0.05)
+
+
 def test_table_for_people(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     chosen = ("without coriolis", "formulation newton-euler")
     all_variants = study.variants

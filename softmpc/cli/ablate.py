@@ -129,7 +129,10 @@ def _write(
         write_columns(out / "ablation.csv", found.columns())
         save_figure(ablation_figure(found, tolerance), out / "ablation.png")
     if proposal:
-        log.info("wrote %s", write_proposal(proposal, read_document(scene), scene.parent, out))
+        document = read_document(scene)
+        proved = {"duration": found.baseline.motion.duration_s}  # --duration may be shorter
+        document["simulate"] = document["simulate"] | proved
+        log.info("wrote %s", write_proposal(proposal, document, scene.parent, out))
 
 
 # ---------------------------------------------------------------- for people
