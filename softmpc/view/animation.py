@@ -15,6 +15,7 @@ import numpy as np
 from softmpc.files import replacing
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
 from softmpc.view.motion import MOST_POINTS, draw_traces
+from softmpc.view.obstacles import draw_obstacles, obstacle_key
 from softmpc.view.style import REFERENCE, figure, styled
 
 if TYPE_CHECKING:
@@ -107,6 +108,8 @@ def _stage(arm: Arm, box: np.ndarray, reference: np.ndarray | None) -> tuple[Any
     made.set_dpi(DOTS)
     axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=0.94)
     axes.set_position((0.0, 0.1, 0.98, 0.87))
+    if draw_obstacles(axes, arm.obstacles, box):
+        made.legend(handles=[obstacle_key()], loc="lower left")
     draw_base(axes, 1.8 * max(arm.radii))
     if reference is not None:
         axes.plot(*reference.T, **REFERENCE, zorder=8)

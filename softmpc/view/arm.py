@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.model.effects import Gravity
+from softmpc.model.effects import Contact, Gravity
+from softmpc.model.obstacles import Obstacle
 from softmpc.view.style import GREY, INK, colour
 
 if TYPE_CHECKING:
@@ -46,6 +47,12 @@ class Arm:
         """Whether gravity points along +z, so that z should point down in pictures."""
         gravity = self.model.scene.effect(Gravity)
         return gravity is not None and gravity.vector[2] > 0
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """What the arm may touch."""
+        contact = self.model.scene.effect(Contact)
+        return contact.obstacles if contact else ()
 
     def sections(self, q: Any) -> list[np.ndarray]:
         """Centre line of each section (points × 3, m), base first, ends shared."""

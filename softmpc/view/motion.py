@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, even_ticks, space
+from softmpc.view.obstacles import draw_cuts, draw_obstacles, obstacle_key
 from softmpc.view.style import (
     GREY,
     INK,
@@ -44,14 +45,18 @@ def motion_figure(model: Model, motion: Any, title: str = "Motion") -> Figure:
     box = box_of(*lines, tips, margin=1.2 * max(arm.radii))
     gap = 0.12  # for the name of the z axis, of which the layout does not know
     grid = made.add_gridspec(2, 4, width_ratios=(1.25, gap, 0.9, 1.4))
-    _draw_space(space(made, grid[:, 0], box, arm.hangs, (16, -64), 1.02), arm, shapes, tips)
+    room = space(made, grid[:, 0], box, arm.hangs, (16, -64), 1.02)
+    obstructed = draw_obstacles(room, arm.obstacles, box)
+    _draw_space(room, arm, shapes, tips)
     plane = made.add_subplot(grid[:, 2])
-    _draw_plane(plane, shapes, tips, arm.hangs, box)
+    _draw_plane(plane, arm, shapes, tips, box)
     over_time = [made.add_subplot(grid[row, 3]) for row in (0, 1)]
     _draw_curvatures(over_time[0], model, motion)
     _draw_speeds(over_time[1], motion)
     made.align_ylabels(over_time)
     handles, names = plane.get_legend_handles_labels()
+    if obstructed:
+        handles, names = [*handles, obstacle_key()], [*names, "obstacle"]
     made.legend(handles, names, loc="outside lower left", ncols=min(len(names), 6))
     return made
 
@@ -95,10 +100,11 @@ def _draw_space(axes: Any, arm: Arm, shapes: list[list[np.ndarray]], tips: np.nd
 
 
 def _draw_plane(
-    axes: Axes, shapes: list[list[np.ndarray]], tips: np.ndarray, hangs: bool, box: np.ndarray
+    axes: Axes, arm: Arm, shapes: list[list[np.ndarray]], tips: np.ndarray, box: np.ndarray
 ) -> None:
     """The same, seen along the horizontal axis in which the tips move least."""
     across = int(np.argmax(np.ptp(tips[..., :2], axis=0).max(axis=0)))
+    draw_cuts(axes, arm.obstacles, across, box)
     for k, shape in enumerate(shapes):
         for s, line in enumerate(shape):
             last = k == len(shapes) - 1
@@ -117,7 +123,7 @@ def _draw_plane(
     axes.axhline(0.0, color=GREY, linewidth=1.0)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(*box[:, across])
-    axes.set_ylim(*(box[::-1, 2] if hangs else box[:, 2]))
+    axes.set_ylim(*(box[::-1, 2] if arm.hangs else box[:, 2]))
     even_ticks(axes.xaxis, box[:, across], box)
     even_ticks(axes.yaxis, box[:, 2], box)
     name = "xy"[across]

@@ -1,0 +1,110 @@
+"""Obstacles in pictures: translucent in space, and as the part that a vertical plane cuts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from softmpc.model.obstacles import Cylinder, Obstacle, Plane
+from softmpc.view.style import GREY
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
+
+__all__ = ["draw_cuts", "draw_obstacles", "obstacle_key"]
+
+FILL: dict[str, Any] = {"facecolor": GREY, "alpha": 0.22}
+FEWEST, MOST = 48, 4000  # faces around a cylinder
+GRID = 201  # places along each side of the plane view
+
+
+def draw_obstacles(axes: Any, obstacles: tuple[Obstacle, ...], box: np.ndarray) -> bool:
+    """The surfaces of obstacles as far as they are in `box`; returns whether there is any."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    middle, reach = box.mean(axis=0), float(np.linalg.norm(box[1] - box[0]))
+    seen = False
+    for obstacle in obstacles:
+        faces = [_clipped(face, box) for face in _faces(obstacle, middle, reach)]
+        faces = [face for face in faces if len(face) > 2]
+        if faces:
+            axes.add_collection3d(Poly3DCollection(faces, **FILL, edgecolor="none", zorder=0))
+            seen = True
+    return seen
+
+
+def draw_cuts(axes: Axes, obstacles: tuple[Obstacle, ...], across: int, box: np.ndarray) -> None:
+    """Obstacles where the vertical plane through the base cuts them; x is the axis `across`."""
+    x, z = np.linspace(box[0, [across, 2]], box[1, [across, 2]], GRID).T
+    places = np.zeros((3, GRID * GRID))
+    places[across], places[2] = (side.ravel() for side in np.meshgrid(x, z))
+    for obstacle in obstacles:
+        depths = _depths(obstacle, places).reshape(GRID, GRID)
+        if depths.min() < 0 < depths.max():
+            axes.contourf(x, z, depths, [0, depths.max()], colors=[GREY], alpha=FILL["alpha"])
+            axes.contour(x, z, depths, [0], colors=[GREY], linewidths=1.0)
+
+
+def obstacle_key() -> Patch:
+    """What stands for obstacles in a legend."""
+    from matplotlib.patches import Patch
+
+    return Patch(**FILL, edgecolor=GREY, label="obstacle")
+
+
+def _depths(obstacle: Obstacle, places: np.ndarray) -> np.ndarray:
+    """How deep points (3×N) are in an obstacle (N, m)."""
+    place = ca.SX.sym("place", 3)
+    depth = ca.Function("depth", [place], [obstacle.depth(place, 0.0)[0]])
+    return np.asarray(depth.map(places.shape[1])(places)).ravel()
+
+
+def _faces(obstacle: Obstacle, middle: np.ndarray, reach: float) -> list[np.ndarray]:
+    """Polygons (corners × 3) that cover an obstacle's surface within `reach` of `middle`."""
+    if isinstance(obstacle, Plane):
+        point, normal = np.array(obstacle.point), np.array(obstacle.normal)
+        foot = middle - normal * (normal @ (middle - point))
+        one, two = _across(normal)
+        return [foot + reach * np.array([one + two, one - two, -one - two, two - one])]
+    if isinstance(obstacle, Cylinder):
+        point, axis = np.array(obstacle.point), np.array(obstacle.axis)
+        foot = point + axis * (axis @ (middle - point))
+        # Narrow against the picture, also where only a piece of a wide cylinder is in it.
+        count = int(np.clip(120 * obstacle.radius / reach, FEWEST, MOST))
+        angles = np.linspace(0, 2 * np.pi, count + 1)[:, None]
+        one, two = _across(axis)
+        ring = foot + obstacle.radius * (np.cos(angles) * one + np.sin(angles) * two)
+        low, high = ring - reach * axis, ring + reach * axis
+        return [np.array([low[k], low[k + 1], high[k + 1], high[k]]) for k in range(count)]
+    return []
+
+
+def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors at right angles to a unit vector and to each other."""
+    one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    one /= np.linalg.norm(one)
+    return one, np.cross(axis, one)
+
+
+def _clipped(corners: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """The part of a convex polygon (corners × 3) that is in a box (2×3); it may be empty."""
+    for axis in range(3):
+        corners = _above(corners, corners[:, axis] - box[0, axis])
+        corners = _above(corners, box[1, axis] - corners[:, axis])
+    return corners
+
+
+def _above(corners: np.ndarray, heights: np.ndarray) -> np.ndarray:
+    """The part of a polygon where heights, given at its corners, are not negative."""
+    kept = []
+    for k, height in enumerate(heights):
+        before = heights[k - 1]
+        if (before < 0) != (height < 0):
+            share = before / (before - height)
+            kept.append(corners[k - 1] + share * (corners[k] - corners[k - 1]))
+        if height >= 0:
+            kept.append(corners[k])
+    return np.array(kept).reshape(-1, 3)
