@@ -29,7 +29,7 @@ from softmpc.simulation.integrator import Interval
 __all__ = ["System", "require_damping"]
 
 WORST_MODES = 1e8  # condition of the drive's eigenvectors up to which closed form is trusted
-PASSING = 0.2  # share of a posture's change that an error of the drive lasts long enough to make
+PASSING = 0.2  # share of its full effect that an error of the drive lasts long enough to have
 
 
 class System:
@@ -99,7 +99,8 @@ class System:
 
         A curvature turns all that is beyond, a stretch shifts it. A drive state of its typical
         size moves the tip by about the arm's length, but its errors die out (within 15 ms for the
-        paper's drive) before the arm has gone a part of that way: `PASSING`.
+        paper's drive) before the arm has gone much of that way: `PASSING`. Less would do but for
+        vapour cavities, where a wrong pressure is a wrong volume, and that stays.
         """
         scene = self.model.scene
         each = [s.length / scene.segments for s in scene.manipulator.sections]
