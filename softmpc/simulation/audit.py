@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.errors import InputError
+from softmpc.errors import BuildError, InputError
 from softmpc.model.effects import Coriolis
 from softmpc.model.model import Model
 from softmpc.simulation.between import MotionBetween
@@ -96,8 +96,9 @@ def audit(model: Model, simulation: Simulation, profile: InputProfile | None = N
     """The energy balance of a motion that `simulate` made of this model.
 
     `profile` are its inputs, by default those the simulation remembers. Raises `InputError` where
-    there are none or where model and simulation do not match, and `BuildError` for an arm with
-    neither inertia nor damping.
+    there are none or where model and simulation do not match. Where the motion between samples is
+    not known, as of an arm with neither inertia nor damping, there are no works, and `missing` says
+    why.
     """
     profile = profile or simulation.profile
     if profile is None:
@@ -110,7 +111,11 @@ def audit(model: Model, simulation: Simulation, profile: InputProfile | None = N
     least = LEAST * float(np.abs(model.layout.r.scale * model.layout.q.scale).sum())
     if len(simulation.time) < 2:
         return Audit(simulation.time, _energies(model, simulation.x), {}, missing, least)
-    motion = MotionBetween.of(model, simulation, profile)
+    try:
+        motion = MotionBetween.of(model, simulation, profile)
+    except BuildError as error:
+        energies, missing = _energies(model, simulation.x), (*missing, f"work: {error}")
+        return Audit(simulation.time, energies, {}, missing, least)
     whole = _audit(motion, profile, missing, least)
     for _ in range(0 if missing else ROUNDS):
         steps = np.abs(np.diff(whole.error))

@@ -52,7 +52,7 @@ class MotionBetween:
         """
         if model.order == 0:
             raise BuildError(
-                "an arm without inertia and damping has no motion of its own between samples: add "
+                "an arm without inertia and damping has no motion of its own between samples; add "
                 "inertia or material_damping"
             )
         if model.order == 2:

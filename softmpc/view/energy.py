@@ -27,12 +27,14 @@ def energy_figure(audit: Any, title: str = "Energy") -> Figure:
     time = audit.time
     changes = {name: energy - energy[0] for name, energy in audit.energies.items()}
     _draw_terms(axes[0], time, changes, "-", "energy of the arm, change since the start")
-    _draw_terms(axes[1], time, audit.works, "--", "work put into the arm")
+    works = "work put into the arm" + ("" if audit.works else ": not known")
+    _draw_terms(axes[1], time, audit.works, "--", works)
     _draw_error(axes[2], time, audit)
     for one in axes:
         one.margins(x=0.01)
         one.tick_params(labelbottom=True)
-        legend_right(one)
+        if one.get_legend_handles_labels()[0]:  # an audit may know no works
+            legend_right(one)
     made.align_ylabels(axes)
     return made
 
