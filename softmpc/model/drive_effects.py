@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from softmpc.model.effect import Effect
 from softmpc.model.quantities import quantity
+
+if TYPE_CHECKING:
+    from softmpc.model.parameters import Manipulator
 
 __all__ = [
     "DRIVE_EFFECTS",
@@ -107,6 +110,15 @@ class EndStops(DriveEffect):
         high=100.0, doc="place of the piston with the arm straight and all pressures zero",
     )
     # fmt: on
+
+    def misfit(self, arm: Manipulator) -> str:
+        stroke = arm.limits.stroke_max
+        if self.start <= stroke:
+            return ""
+        return (
+            f"EndStops.start = {self.start:g} m: must be at most stroke_max = {stroke:g} m, the "
+            "travel of the piston, see [limits]"
+        )
 
 
 @dataclass(frozen=True)

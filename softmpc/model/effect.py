@@ -17,7 +17,7 @@ from softmpc.model.quantities import check_quantities
 if TYPE_CHECKING:
     from softmpc.model.bodies import Bodies
     from softmpc.model.force_laws import ForceLaw
-    from softmpc.model.parameters import Section
+    from softmpc.model.parameters import Manipulator, Section
 
 __all__ = ["Effect", "Site"]
 
@@ -44,6 +44,10 @@ class Effect(ABC):
 
     def __post_init__(self) -> None:
         check_quantities(self)
+
+    def misfit(self, arm: Manipulator) -> str:
+        """Why the effect does not fit this arm; empty where it does."""
+        return ""
 
     def on_body(self, section: Section, share: float) -> dict[str, float]:
         """Coefficients of `BodyLaw` for a body with that share of the section's mass."""

@@ -132,6 +132,8 @@ def _check_consistency(scene: Scene) -> None:
     scene.actuation.check(scene.effects)
     names = {effect.name for effect in scene.effects}
     for effect in scene.effects:
+        if misfit := effect.misfit(scene.manipulator):
+            raise SceneError(misfit)
         for needed in (name for name in effect.needs if name not in names):
             raise SceneError(
                 f"effect {effect.name!r} needs the effect {needed!r}: add it, "
