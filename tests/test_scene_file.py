@@ -311,11 +311,14 @@ def test_own_classes_cannot_be_saved() -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r"no such file; the folder .* has no \.toml"):
-        load_scene(tmp_path / "scene.toml")
+    (tmp_path / "pyproject.toml").write_text("")
+    with pytest.raises(SceneError, match=r"no such file; the folder .* has no scene file"):
+        load_scene(tmp_path / "project.toml")
     (tmp_path / "figure_eight.toml").write_text("")
     with pytest.raises(SceneError, match=r"did you mean 'figure_eight\.toml'"):
         load_scene(tmp_path / "figure8.toml")
+    with pytest.raises(SceneError, match=r"no such file; scene files there: figure_eight\.toml$"):
+        load_scene(tmp_path / "swing.toml")
     with pytest.raises(SceneError, match="cannot be read"):
         load_scene(tmp_path)
 
@@ -347,6 +350,7 @@ def test_bad_file(content: bytes, message: str, tmp_path: Path) -> None:
         ("[[model]]", r"\[model\] = .*: must be a table"),
         ("[modle]", r"unknown key in the scene file: 'modle'; did you mean 'model'\?"),
         ("[model]\nsegment = 1", r"unknown key in \[model\]: 'segment'; did you mean 'segments'"),
+        ("[effects]\nfriction = true", r"\[actuation\] kind = 'hydraulic-friction'"),
         ("[effects]\ncoriolise = true", "did you mean 'coriolis'"),
         ("[load]\nforce = [0,0,0]", "did you mean 'tip_force'"),
         ("[actuation]\nkinds = 'static'", "did you mean 'kind'"),
@@ -397,6 +401,10 @@ def test_bad_file(content: bytes, message: str, tmp_path: Path) -> None:
         ("[effects]\ngravity = true", "gravity = True: must be a list of 3"),
         ("[effects]\ngravity = [0, 0, nan]", r"gravity\[2\] = nan m/s²: must be a finite number"),
         ("[effects]\ngravity = [0, 0, 'g']", r"gravity\[2\] = 'g': must be a number in m/s²"),
+        (
+            "[effects]\nend_stops = {start = 1}",
+            r"EndStops.start = 1 m: must be at most stroke_max = 0.35 m",
+        ),
         ("[effects]\ninertia = 1", "inertia = 1: must be true or false"),
         ("[effects]\ninertia = false\ncoriolis = true", "'coriolis' needs the effect 'inertia'"),
         (

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any, TypeVar
 
-from softmpc.errors import errors_in
+from softmpc.errors import SceneError, errors_in
 from softmpc.model.effects import EFFECTS, Effect, RotaryInertia, TipLoad
 from softmpc.model.quantities import Range, toml_key
 from softmpc.model.tables import Table
@@ -25,6 +25,11 @@ R = TypeVar("R")
 
 def read_effects(table: Table, strains: Iterable[str]) -> tuple[Effect, ...]:
     """Read the effects; of those that are there by default, some follow what they need."""
+    if "friction" in table:
+        raise SceneError(
+            f"{table.where} friction: friction of the pistons belongs to the drive: set "
+            "[actuation] kind = 'hydraulic-friction' and its size in [hydraulics]"
+        )
     found: list[Effect] = []
     names: set[str] = set()
     for kind in SWITCHED:

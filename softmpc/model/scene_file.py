@@ -183,9 +183,11 @@ def _read_load(table: Table) -> tuple[Effect, ...]:
 def _files_beside(path: Path) -> str:
     """Say which scene files are in the folder of a missing one."""
     names = sorted(item.name for item in path.parent.glob("*.toml"))
+    names = [name for name in names if name != "pyproject.toml"]
     if not names:
-        return f"the folder {path.parent} has no .toml file"
-    near = nearest(path.name, names)
-    hint = f"did you mean {near!r}? " if near else ""
+        return f"the folder {path.parent} has no scene file"
+    by_stem = {Path(name).stem: name for name in names}  # all names are alike in .toml
+    near = nearest(path.stem, by_stem)
+    hint = f"did you mean {by_stem[near]!r}? " if near else ""
     shown = ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
     return f"{hint}scene files there: {shown}"

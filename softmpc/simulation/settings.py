@@ -55,7 +55,11 @@ def read_settings(document: dict[str, Any], model: Model, folder: Path) -> Simul
 
     Raises `SceneError` or `InputError` naming the key, what was given and what is allowed.
     """
-    table = Table(document.get("simulate", {}), "[simulate]")
+    if "simulate" not in document:
+        raise SceneError(
+            "has no table [simulate]: it says how long to simulate, and under which inputs"
+        )
+    table = Table(document["simulate"], "[simulate]")
     duration = table.number("duration", unit="s", low=0.0, low_open=True, high=1e6)
     settings = SimulationSettings(
         profile=_read_profile(table, model, folder),
