@@ -174,6 +174,8 @@ def test_pressure_scene_wants_pressures() -> None:
 
 def test_duration_must_be_given() -> None:
     with pytest.raises(SceneError, match="duration: is missing"):
+        read_settings({"simulate": {}}, MODEL, Path())
+    with pytest.raises(SceneError, match=r"has no table \[simulate\]"):
         read_settings({}, MODEL, Path())
 
 

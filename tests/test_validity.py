@@ -22,7 +22,14 @@ from softmpc.model.drive_effects import (
 from softmpc.model.effects import Effect
 from softmpc.model.model import Model
 from softmpc.model.scene import default_effects
-from softmpc.simulation.validity import MotionWarning, motion_warnings, reynolds_numbers
+from softmpc.simulation.inputs import InputProfile, Ramp, Step
+from softmpc.simulation.run import simulate
+from softmpc.simulation.validity import (
+    MotionWarning,
+    late_inputs,
+    motion_warnings,
+    reynolds_numbers,
+)
 
 
 def model(*effects: Effect, **slots: Any) -> Model:
@@ -155,3 +162,27 @@ def test_drives_without_tubes_have_nothing_to_say(drive: Any) -> None:
     assert reynolds_numbers(m, np.zeros((3, h))).shape == (3, 0)
     assert motion_warnings(m, np.arange(3.0), np.ones((3, h)), np.zeros((3, 6))) == []
     assert motion_warnings(m, [], np.zeros((0, h)), np.zeros((0, 6))) == []
+
+
+def test_inputs_after_the_end() -> None:
+    """Only what begins then: the ramp on unit 2 is under way, that on unit 3 begins at the end."""
+    moves = [Step(1, 0.5, 1.0), Step(1, 5.0, 0.0), Ramp(2, 0.5, 2.0, 1.0), Ramp(3, 1.0, 2.0, 0.5)]
+    profile = InputProfile.of(6, moves)
+    (warning,) = late_inputs(profile, 1.0)
+    assert (warning.kind, warning.where, warning.time, warning.limit) == (
+        "late_input", "unit 3", 1.0, 1.0,
+    )  # fmt: skip
+    assert "begin: unit 3 at t = 1 s, unit 1 at t = 5 s; take a longer" in warning.text
+    assert late_inputs(profile, 6.0) == []
+    many = InputProfile.of(1, [Step(1, float(at), at / 10) for at in range(1, 9)])
+    assert "unit 1 at t = 6 s and 2 more; take" in late_inputs(many, 1.5)[0].text
+    under_way = InputProfile.from_table([0.0, 1.0, 2.0, 3.0], [[0.0], [1.0], [3.0], [0.0]])
+    assert late_inputs(under_way, 0.5) == []
+    held = InputProfile.from_table([0.0, 1.0, 2.0], [[0.0], [1.0], [1.0]], hold=True)
+    assert [warning.time for warning in late_inputs(held, 0.5)] == [1.0]
+
+
+def test_simulate_warns_of_late_inputs() -> None:
+    m = model(actuation=StaticDrive())
+    motion = simulate(m, InputProfile.of(6, [Step(1, 0.5, 1.0)]), 0.05)
+    assert [warning.kind for warning in motion.warnings] == ["late_input"]

@@ -109,6 +109,12 @@ class Curve:
             if not (np.isfinite(time) and np.isfinite(value)):
                 raise InputError(f"input {value:g} at t = {time:g} s: both must be finite numbers")
 
+    @property
+    def starts(self) -> np.ndarray:
+        """Times at which the value begins to change after it was constant."""
+        moving = np.append(np.diff(self.values) != 0, False)
+        return self.times[moving & ~np.append(False, moving[:-1])]
+
     def after(self, t: Any) -> np.ndarray:
         """Values at times t; at a jump, the new one."""
         return np.asarray(np.interp(t, self.times, self.values))

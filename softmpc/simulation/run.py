@@ -23,7 +23,7 @@ from softmpc.simulation.interrupts import InterruptLater
 from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.result import Simulation, titles_of
 from softmpc.simulation.settings import STARTS, read_settings
-from softmpc.simulation.validity import MotionWarning, motion_warnings
+from softmpc.simulation.validity import MotionWarning, late_inputs, motion_warnings
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 
 __all__ = ["simulate", "simulate_file", "start_state"]
@@ -73,6 +73,7 @@ def simulate(
     times, states = run.at(stamps)
     q, _, z = np.split(states, [model.strains, 2 * model.strains], axis=1)
     warnings += motion_warnings(model, times, z, profile(times), q)
+    warnings += late_inputs(profile, stamps[-1])
     about = {"setup_s": setup, "status": status, "wall_s": wall, "title": title}
     return _result(model, profile, times, states, warnings=tuple(warnings), **about)
 

@@ -4,6 +4,7 @@
 vapour pressure, pistons may leave their cylinders: the equations do not notice. `motion_warnings`
 looks at the samples of a motion and says what was passed, where, and which effect to add. What
 happens between samples is not seen: after a step of torque the flow peaks within 3 ms.
+`late_inputs` looks at what the motion does not reach.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from softmpc.model.hydraulics import tube_inertance
 
 if TYPE_CHECKING:
     from softmpc.model.model import Model
+    from softmpc.simulation.inputs import InputProfile
 
-__all__ = ["MotionWarning", "motion_warnings", "reynolds_numbers"]
+__all__ = ["MotionWarning", "late_inputs", "motion_warnings", "reynolds_numbers"]
 
 LAMINAR = 2300.0  # Reynolds number up to which pipe flow is laminar
 SMOOTH = 1e5  # up to which Blasius's law was measured
@@ -30,6 +32,7 @@ SUCTION = -5e3  # Pa, gauge: less is not worth a word
 INERT = 0.1  # of the highest pressure
 SLACK = 1e-4  # m, of the piston's travel
 SQUEEZED = -0.5  # ε; at -1 a segment has no length
+MOST_NAMES = 5  # in one text
 STRETCHED = 1.0  # ε; rubber stiffens, (17) does not
 
 
@@ -37,8 +40,9 @@ STRETCHED = 1.0  # ε; rubber stiffens, (17) does not
 class MotionWarning:
     """One range that was left, at its worst: `value` against `limit` at `time` (s).
 
-    `kind` is one of "turbulence", "smooth_tube", "inertance", "vapour", "suction", "stroke" and
-    "strain"; `where` names the unit or strain; `effect` is what to add to the scene, if anything.
+    `kind` is one of "turbulence", "smooth_tube", "inertance", "vapour", "suction", "stroke",
+    "strain", "unstable_start" and "late_input"; `where` names the unit or strain; `effect` is
+    what to add to the scene, if anything.
     """
 
     kind: str
@@ -69,6 +73,26 @@ def motion_warnings(model: Model, time: Any, z: Any, u: Any, q: Any = None) -> l
     for check in (_reynolds, _inertance, _pressures, _stroke, _strains):
         found += check(samples)
     return found
+
+
+def late_inputs(profile: InputProfile, duration: float) -> list[MotionWarning]:
+    """One warning of steps and ramps that begin when the motion, of `duration` (s), is over."""
+    late = sorted(
+        (float(time), unit)
+        for unit, curve in enumerate(profile.curves, 1)
+        for time in curve.starts
+        if time >= duration
+    )
+    if not late:
+        return []
+    named = ", ".join(f"unit {unit} at t = {time:g} s" for time, unit in late[:MOST_NAMES])
+    more = f" and {len(late) - MOST_NAMES} more" if len(late) > MOST_NAMES else ""
+    said = (
+        f"the motion ends at t = {duration:g} s, before these inputs begin: {named}{more}; take a "
+        "longer duration, or leave them out"
+    )
+    first, unit = late[0]
+    return [MotionWarning("late_input", first, f"unit {unit}", first, duration, "s", None, said)]
 
 
 @dataclass(frozen=True)
