@@ -627,6 +627,18 @@ def test_cache_command() -> None:
     assert library_cache.libraries() == []
 
 
+@pytest.mark.parametrize("below", ["", "cache"])
+def test_cache_command_without_a_folder(
+    below: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("SOFTMPC_CACHE", str(tmp_path / "file" / below))
+    for words in ([], ["--clear"]):
+        result = CliRunner().invoke(main, ["cache", *words])
+        assert result.exit_code == 2
+        assert f"cannot be used, {tmp_path / 'file'} is not a folder" in result.stderr
+
+
 def test_cache_command_without_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", "no-such-compiler")
     text = CliRunner().invoke(main, ["cache"]).stdout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -22,6 +23,11 @@ def command(clear: bool, out: Path | None) -> Answer:
     from softmpc.errors import InputError
 
     folder = library_cache.folder()
+    there = next(place for place in (folder, *folder.parents) if os.path.exists(place))
+    if not there.is_dir():
+        raise InputError(
+            f"{folder}: cannot be used, {there} is not a folder; SOFTMPC_CACHE names another"
+        )
     try:
         removed = library_cache.clear() if clear else 0
     except OSError as error:
