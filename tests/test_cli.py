@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import logging
+import re
 import subprocess
 import sys
 import time
@@ -288,6 +289,43 @@ def test_simulate_tells_how_it_comes_to_rest(scene: Scene) -> None:
     assert f"{100 * data['overshoot']:.1f} %" in said
 
 
+def test_simulate_tells_that_it_has_not_come_to_rest(scene: Scene) -> None:
+    said = softmpc("simulate", scene(SWING.replace("at = 0.0", "at = 0.2"))).stdout
+    assert re.search(r"^not at rest +within 0\.1 s after the last input$", said, re.MULTILINE)
+    assert "overshoot" not in said
+    still = softmpc("simulate", scene(SWING.replace("torque = 1.0", "torque = 0.0"))).stdout
+    assert "at rest" not in still  # there is no way to come to rest from
+
+
+def test_simulate_warns_of_inputs_that_come_too_late(scene: Scene) -> None:
+    result = softmpc("simulate", scene(SWING.replace("at = 0.0", "at = 0.5")), "--json")
+    assert result.exit_code == 0
+    (warning,) = json.loads(result.stdout)["warnings"]
+    assert (warning["kind"], warning["time"], warning["limit"]) == ("late_input", 0.5, 0.3)
+    assert (
+        "warning: the motion ends at t = 0.3 s, before these inputs begin: unit 1 at t = 0.5"
+        in (result.stderr)
+    )
+
+
+@pytest.mark.parametrize("error", ["ctrl-c", "casadi"])
+def test_ctrl_c_while_drawing_keeps_the_motion(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: str
+) -> None:
+    raised = KeyboardInterrupt() if error == "ctrl-c" else caused_by_ctrl_c()
+    monkeypatch.setattr("softmpc.view.motion.motion_figure", fail_with(raised))
+    out = tmp_path / "out"
+    result = softmpc("simulate", scene(SWING), "--out", str(out))
+    assert result.exit_code == 130
+    said = f"interrupted while drawing; the motion itself is complete, in {out / 'simulation.csv'}"
+    assert result.stderr.strip() == f"error: {said}"
+    assert "final tip of section 1" in result.stdout
+    assert files(out) == {"simulation.csv", "simulation.npz", "simulate.json"}
+    assert json.loads((out / "simulate.json").read_text())["status"] == "finished"
+    monkeypatch.setattr("softmpc.view.motion.motion_figure", fail_with(ValueError("a bug")))
+    assert softmpc("simulate", scene(SWING), "--out", str(out)).exit_code == 1
+
+
 def test_simulate_audit(scene: Scene, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("simulate", scene(SWING), "--audit", "--no-animate")
@@ -304,6 +342,17 @@ def test_simulate_audit(scene: Scene, tmp_path: Path) -> None:
     assert "energy balance closes" in said
     lawless = scene(SWING.replace("[model]", '[model]\nelasticity = "strain"'))
     assert "no energy balance" in softmpc("simulate", lawless, "--audit").stdout
+
+
+def test_simulate_audit_of_an_arm_that_jumps(scene: Scene, tmp_path: Path) -> None:
+    bare = "[effects]\ninertia = false\nenvironment_damping = false\nmaterial_damping = false\n"
+    out = tmp_path / "out"
+    words = ("simulate", scene(SWING + bare), "--audit", "--no-animate", "--out", str(out))
+    data = answer(*words)["audit"]
+    assert data["closure"] is None
+    assert "without inertia and damping" in data["missing"][0]
+    assert {"simulate.json", "energy.png", "energy.csv"} <= files(out)
+    assert "no energy balance" in softmpc(*words).stdout
 
 
 def test_simulate_shorter_and_still(scene: Scene, tmp_path: Path) -> None:
@@ -459,7 +508,8 @@ AT_REST = ("statics", "--pressure", "0,0,0,0,0,0")
             ("statics", "--torque", "0,0,0,0,0,0"),
             "takes pressures, not torques",
         ),
-        ("", ("simulate",), "duration: is missing"),
+        ("", ("simulate",), "has no table [simulate]: it says how long to simulate"),
+        ("[simulate]", ("simulate",), "duration: is missing"),
         (SWING, ("simulate", "--duration", "-1"), "duration = -1.0 s: must be above 0"),
         (SWING, ("simulate", "--duration", "soon"), "'soon' is not a valid float"),
         (SWING.replace("unit = 1", "unit = 4"), ("simulate",), "unit = 4: must be a whole number"),

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "INTERRUPTED", "NOT_CONVERGED", "OK", "WRONG_INPUT", "Answer", "Numbers", "animation_option",
-    "answering", "as_json", "load", "notice", "progress", "row", "scene_argument", "table",
-    "write_text",
+    "answering", "as_json", "is_interrupt", "load", "notice", "progress", "row", "scene_argument",
+    "table", "write_text",
 ]  # fmt: skip
 
 OK, WRONG_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 2, 3, 130
@@ -118,6 +118,16 @@ def load(path: Path) -> tuple[str, Scene]:
     document = read_document(path)
     with errors_in(path):
         return document.get("title") or path.stem, scene_from_dict(document)
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether it is Ctrl-C, which CasADi turns into other errors."""
+    cause: BaseException | None = error
+    while cause:
+        if isinstance(cause, KeyboardInterrupt) or "KeyboardInterrupt" in str(cause):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 def notice(line: str) -> None:

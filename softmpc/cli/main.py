@@ -14,7 +14,14 @@ from typing import Any
 import click
 
 from softmpc import __version__
-from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, WRONG_INPUT, as_json, notice
+from softmpc.cli.common import (
+    INTERRUPTED,
+    NOT_CONVERGED,
+    WRONG_INPUT,
+    as_json,
+    is_interrupt,
+    notice,
+)
 from softmpc.errors import BuildError, InputError, SoftmpcError, unknown_name
 
 __all__ = ["main"]
@@ -73,12 +80,9 @@ def _one_line(error: click.ClickException) -> str:
 
 
 def _fail_unexpectedly(error: BaseException, words: Sequence[str]) -> int:
-    """A traceback, unless it is Ctrl-C, which CasADi turns into other errors."""
-    cause: BaseException | None = error
-    while cause:
-        if isinstance(cause, KeyboardInterrupt) or "KeyboardInterrupt" in str(cause):
-            return _fail("interrupted", INTERRUPTED, words)
-        cause = cause.__cause__ or cause.__context__
+    """A traceback, unless it is Ctrl-C."""
+    if is_interrupt(error):
+        return _fail("interrupted", INTERRUPTED, words)
     traceback.print_exception(error)
     return _fail(f"unexpected {type(error).__name__}: {error}", UNEXPECTED, words)
 

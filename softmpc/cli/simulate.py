@@ -13,6 +13,7 @@ from softmpc.cli.common import (
     Answer,
     animation_option,
     answering,
+    is_interrupt,
     load,
     notice,
     progress,
@@ -73,20 +74,27 @@ def command(
     data = {"title": done.title, **done.summary()}
     if out:
         done.save(out)
-        _draw(out, scene, done, animate and done.status != "interrupted")
+        try:
+            _draw(out, scene, done, animate and done.status != "interrupted")
+        except BaseException as error:
+            if not is_interrupt(error):
+                raise
+            kept = "the motion itself is complete" if done.finished else "what was reached is kept"
+            problem = f"interrupted while drawing; {kept}, in {out / 'simulation.csv'}"
+            return Answer(data, _text(data, done), INTERRUPTED, problem)
     if audit:
         data["audit"] = _audit(out, scene, done).summary()
     if certify and done.status != "interrupted":
         data["certificate"] = _certify(scene, duration, done)
         if data["certificate"] is None:
             problem = "interrupted while certifying; the motion itself is complete"
-            return Answer(data, _text(data), INTERRUPTED, problem)
+            return Answer(data, _text(data, done), INTERRUPTED, problem)
     if done.finished:
-        return Answer(data, _text(data))
+        return Answer(data, _text(data, done))
     if done.status == "interrupted":
         problem = f"interrupted at t = {done.duration_s:g} s"
-        return Answer(data, _text(data), INTERRUPTED, problem)
-    return Answer(data, _text(data), NOT_CONVERGED, done.status)  # which says when
+        return Answer(data, _text(data, done), INTERRUPTED, problem)
+    return Answer(data, _text(data, done), NOT_CONVERGED, done.status)  # which says when
 
 
 def _method(
@@ -161,7 +169,7 @@ def _certify(scene: Path, duration: float | None, done: Simulation) -> dict[str,
         return None
 
 
-def _text(data: dict[str, Any]) -> str:
+def _text(data: dict[str, Any], done: Simulation) -> str:
     rows: list[tuple[str, object]] = [
         ("status", data["status"]),
         ("duration", f"{data['duration_s']:g} s in {data['wall_s']:.3g} s"),
@@ -170,16 +178,26 @@ def _text(data: dict[str, Any]) -> str:
     ]
     for i, tip in enumerate(data["final_tips_m"], 1):
         rows.append((f"final tip of section {i} (m)", row(tip)))
-    if data["settling_s"] == data["settling_s"]:  # not nan
-        rows.append(
-            ("at rest within 2 % of its way", f"{data['settling_s']:.2f} s after the input")
-        )
-        rows.append(("overshoot of the tip", f"{100 * data['overshoot']:.1f} %"))
+    rows += _rest_rows(data, done)
     rows += _energy_rows(data.get("audit"))
     if data.get("certificate"):
         rows.append(("accuracy", data["certificate"]["text"]))
         rows.append(("not asked", ", ".join(data["certificate"]["skipped"]) or "nothing"))
     return "\n".join([data["title"], table(rows)])
+
+
+def _rest_rows(data: dict[str, Any], done: Simulation) -> list[tuple[str, object]]:
+    """How the tip comes to rest, or that it does not; nothing of a tip that does not move."""
+    from softmpc.simulation.settling import has_moved, time_watched
+
+    if data["settling_s"] == data["settling_s"]:  # not nan
+        settled = f"{data['settling_s']:.2f} s after the input"
+        swing = f"{100 * data['overshoot']:.1f} %"
+        return [("at rest within 2 % of its way", settled), ("overshoot of the tip", swing)]
+    watched = time_watched(done)
+    if watched == 0.0 or not has_moved(done):
+        return []
+    return [("not at rest", f"within {watched:.3g} s after the last input")]
 
 
 def _energy_rows(audit: dict[str, Any] | None) -> list[tuple[str, object]]:

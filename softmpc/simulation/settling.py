@@ -8,7 +8,7 @@ import numpy as np
 
 from softmpc.simulation.inputs import InputProfile
 
-__all__ = ["last_move", "overshoot", "settling_time"]
+__all__ = ["has_moved", "last_move", "overshoot", "settling_time", "time_watched"]
 
 BAND = 0.02  # of the travel
 SMALLEST = 1e-6  # m; less travel than this is no motion
@@ -24,7 +24,7 @@ def settling_time(motion: Any, band: float = BAND) -> float:
     since, over = _last_move(motion)
     time, tip = _from(motion, since)
     away = np.linalg.norm(tip - tip[-1:], axis=1)
-    if len(time) < 2 or away.max() < SMALLEST:
+    if not has_moved(motion):
         return float("nan")
     beyond = away - band * away.max()
     last = int(np.flatnonzero(beyond > 0)[-1])
@@ -45,6 +45,17 @@ def overshoot(motion: Any) -> float:
     _, tip = _from(motion, _last_move(motion)[0])
     way = tip[-1] - tip[0]
     return max(0.0, float(((tip - tip[-1]) @ way).max() / max(way @ way, SMALLEST**2)))
+
+
+def has_moved(motion: Any) -> bool:
+    """Whether the tip travels at all from the last move of the inputs on."""
+    _, tip = _from(motion, _last_move(motion)[0])
+    return len(tip) > 1 and bool(np.linalg.norm(tip - tip[-1:], axis=1).max() >= SMALLEST)
+
+
+def time_watched(motion: Any) -> float:
+    """Time (s) from the end of the last move of the inputs to the end of the motion, at least 0."""
+    return max(float(motion.time[-1]) - _last_move(motion)[1], 0.0)
 
 
 def last_move(profile: InputProfile) -> tuple[float, float]:
