@@ -16,7 +16,7 @@ import numpy as np
 from softmpc.errors import InputError
 from softmpc.just_in_time import JustInTime
 from softmpc.model.model import Model
-from softmpc.simulation.dense import cubic, quintic
+from softmpc.simulation.hermite import Hermite
 from softmpc.simulation.integrator import IntegrationError, Interval
 from softmpc.simulation.system import System
 from softmpc.simulation.tableau import Tableau, gauss_legendre, radau_iia
@@ -148,17 +148,12 @@ class RungeKutta:
 
     def _between(self, path: dict[str, np.ndarray], times: np.ndarray) -> np.ndarray:
         """Strains and rates (2×K×n) at times, from the ends of the steps around each."""
-        left, share, h = _brackets(path["t"][0], times)
-        n = self.system.n
         names = ("q", "dq", "y") if self.system.order == 2 else ("q", "y")
-        ends = [tuple(path[name][:n, left + side].T for name in names) for side in (0, 1)]
-        return (quintic if self.system.order == 2 else cubic)(share, h, *ends)
+        return _interpolated(path["t"][0], [path[name][: self.system.n].T for name in names], times)
 
     def _drive_between(self, path: dict[str, np.ndarray], times: np.ndarray) -> np.ndarray:
-        left, share, h = _brackets(path["t"][0], times)
-        n = self.system.n
-        ends = [(path["z"][:, left + side].T, path["y"][n:, left + side].T) for side in (0, 1)]
-        return np.asarray(cubic(share, h, *ends)[0])
+        ends = [path["z"].T, path["y"][self.system.n :].T]
+        return np.asarray(_interpolated(path["t"][0], ends, times)[0])
 
 
 class RadauIIA(RungeKutta):
@@ -181,8 +176,9 @@ class GaussLegendre(RungeKutta):
         super().__init__(model, gauss_legendre(stages), None, step)
 
 
-def _brackets(ends: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For each time the step it is in, its share of that step, and the step's length."""
-    left = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(ends) - 2)
-    h = ends[left + 1] - ends[left]
-    return left, (times - ends[left]) / h, h
+def _interpolated(ends: np.ndarray, known: list[np.ndarray], times: np.ndarray) -> np.ndarray:
+    """Values and rates (2×K×n) at times; `known` are derivatives 0, 1, … (I×n) at `ends` (I)."""
+    pieces = Hermite.of(np.diff(ends), [x[:-1] for x in known], [x[1:] for x in known])
+    piece = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, len(ends) - 2)
+    values, rates = pieces(piece, (times - ends[piece])[:, None])
+    return np.stack([values[:, 0], rates[:, 0]])
