@@ -264,6 +264,9 @@ def test_added_effects_bring_what_they_need() -> None:
         "coriolis",
         "material_damping",
     ]
+    twisting = adding(Scene(ONE, effects=(), actuation=PressureDrive()), Coriolis)
+    assert [e.name for e in twisting.effects] == ["inertia", "coriolis", "rotary_inertia"]
+    assert build(twisting).massless == ()
     with pytest.raises(SceneError, match="effect 'contact' has no default parameters"):
         adding(scene, Contact)
 

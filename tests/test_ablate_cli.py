@@ -189,6 +189,18 @@ def test_a_scene_without_motion(tmp_path: Path) -> None:
     assert "has no table [simulate]" in result.stderr
 
 
+def test_a_scene_that_stops(tmp_path: Path) -> None:
+    path = tmp_path / "pull.toml"
+    pull = SWING.replace("static", "hydraulic").replace("torque = 1.0", "torque = -1.0")
+    path.write_text(pull + "\n[limits]\ntorque_min = -3.0\n", encoding="utf-8")
+    result = softmpc("ablate", path)
+    assert result.exit_code not in (0, 1)
+    assert "nothing to compare, for the scene as given does not come to its end" in result.stderr
+    assert "below vapour pressure; add the effect 'cavitation'" in result.stderr
+    result = softmpc("simulate", path, "--certify")
+    assert "only what came before is covered: stopped: P_c_1 fell" in result.stdout
+
+
 # ---------------------------------------------------------------- certify
 
 

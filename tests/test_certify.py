@@ -11,22 +11,32 @@ import numpy as np
 import pytest
 from arms import MIXED, PAPER, States, arm
 
-from softmpc.errors import InputError, SceneError
+from softmpc.errors import InputError, SceneError, SoftmpcError
 from softmpc.model.actuation import HydraulicDrive, PressureDrive, StaticDrive
 from softmpc.model.drive_effects import TubeInertance
-from softmpc.model.effects import EFFECTS, Gravity, Inertia, MaterialDamping, RotaryInertia
+from softmpc.model.effects import (
+    EFFECTS,
+    Contact,
+    Gravity,
+    Inertia,
+    MaterialDamping,
+    RotaryInertia,
+)
 from softmpc.model.elasticity import PrintedElasticity
 from softmpc.model.formulations import NewtonEuler, VirtualPower
 from softmpc.model.mass import GaussMass
 from softmpc.model.model import Model, build
+from softmpc.model.obstacles import Cylinder
 from softmpc.model.parameters import Section
 from softmpc.model.scene import MAX_SEGMENTS, Scene
-from softmpc.simulation.inputs import InputProfile, Step
+from softmpc.simulation.inputs import InputProfile, Ramp, Step
 from softmpc.simulation.result import Simulation
 from softmpc.simulation.run import simulate, start_state
 from softmpc.simulation.settings import SimulationSettings
+from softmpc.statics.equilibrium import find_equilibrium, refine_equilibrium
 from softmpc.study.certify import Certificate, Finding, certify, finer_scene
-from softmpc.study.windows import Window, choose_windows, later, mapped_state
+from softmpc.study.rests import end_rest, farthest, rest_again
+from softmpc.study.windows import Window, choose_windows, divided, later, mapped_state
 
 ONE = arm(Section())
 SETTINGS = SimulationSettings(InputProfile.of(3, [Step(1, 0.1, 0.4e6)]), 0.4)
@@ -124,7 +134,9 @@ def test_what_cannot_run_has_a_reason(model: Model, motion: Simulation) -> None:
     massless = Scene(ONE, effects=(Inertia(), MaterialDamping()), actuation=PressureDrive())
     other = build(massless)
     assert other.massless
-    still = replace(motion, q=np.zeros((41, 4)), dq=np.zeros((41, 4)), tip_speeds=np.zeros((41, 1)))
+    straight = np.tile(np.asarray(other.frames(np.zeros(4))[0]).T, (41, 1, 1))
+    none = {name: np.zeros((41, 4)) for name in ("q", "dq")}
+    still = replace(motion, **none, u=0 * motion.u, tips=straight, tip_speeds=np.zeros((41, 1)))
     found = certify(other, still, SETTINGS)
     assert found.model.windows_m == (None,)
     assert any("strains have no mass" in reason for reason in found.model.reasons)
@@ -242,10 +254,105 @@ def test_later_inputs() -> None:
     np.testing.assert_allclose(moved.breakpoints, [0.1])
 
 
-def test_rotary_inertia_is_asked_with_what_it_needs() -> None:
-    """A quasi-static scene: rotary inertia comes with inertia."""
+def test_inertia_is_asked_with_what_it_needs() -> None:
+    """A quasi-static scene: rotary inertia comes with inertia, and is no finding of its own."""
     scene = Scene(ONE, effects=(MaterialDamping(),), actuation=StaticDrive())
     settings = replace(SETTINGS, profile=InputProfile.of(3, [Step(1, 0.0, 1.0)]))
     model = build(scene)
-    found = certify(model, simulate(model, settings.profile, 0.05), settings)
-    assert RotaryInertia.name in [f.name for f in found.left_out]
+    motion = simulate(model, settings.profile, 0.05)
+    found = certify(model, motion, settings)
+    (inertia,) = (f for f in found.left_out if f.name == "inertia")
+    moving = build(scene.with_(effects=(MaterialDamping(), Inertia(), RotaryInertia())))
+    gap = simulate(moving, settings.profile, 0.05, **EXACT).tips - motion.tips
+    assert inertia.windows_m[0] == pytest.approx(np.linalg.norm(gap, axis=2).max(), abs=1e-7)
+    for name in ("rotary_inertia", "coriolis"):
+        assert "needs inertia, which the scene leaves out" in found.skipped[name]
+
+
+# ---------------------------------------------------------------- rests, stops, patience
+
+
+def test_end_posture_near_an_obstacle_is_on_the_side_where_the_motion_ended() -> None:
+    """Statics from the straight arm lands beyond the post; the finer model's own motion does not.
+
+    Finer from the last posture slips over the post as well, its own path tells which rest it is.
+    """
+    post = Cylinder(point=(-0.2, 0.0, 0.4), axis=(0.0, 1.0, 0.0), radius=0.05)
+    scene = Scene(PAPER, effects=(*Scene(PAPER).effects, Contact(obstacles=(post,))))
+    settings = SimulationSettings(InputProfile.of(6, [Step(u, 0.0, 1.5) for u in (1, 5, 6)]), 3.0)
+    model, finer = build(scene), build(finer_scene(scene))
+    motion, other = (simulate(each, settings.profile, 3.0) for each in (model, finer))
+    rest = end_rest(model, motion)
+    np.testing.assert_allclose(rest.tips, motion.tips[-1], atol=1e-6)
+    assert farthest(find_equilibrium(model, rest.pressures).tips, rest.tips) > 0.1
+    again = rest_again(model, rest, finer, motion.u[-1])
+    np.testing.assert_allclose(again.tips, other.tips[-1], atol=1e-4)
+    assert farthest(refine_equilibrium(finer, rest.pressures, other.q[-1]).tips, again.tips) < 1e-9
+
+
+def test_no_end_posture_where_the_motion_did_not_come_to_rest(
+    model: Model, motion: Simulation
+) -> None:
+    cut = replace(motion, **{n: getattr(motion, n)[:15] for n in ("time", "q", "u", "tips")})
+    with pytest.raises(SoftmpcError, match=r"did not end at rest: its tips are \d"):
+        end_rest(model, cut)
+    with pytest.raises(SoftmpcError, match="did not come to its end"):
+        end_rest(model, replace(motion, status="stopped: why"))
+
+
+@pytest.mark.parametrize("up", [True, False])
+def test_an_arm_that_stays_at_an_unstable_rest_is_not_certified(up: bool) -> None:
+    """A soft arm on end: all models agree that nothing moves, which means nothing."""
+    soft = arm(replace(Section(), young_modulus=3e4))
+    gravity = Gravity((0.0, 0.0, -9.81 if up else 9.81))
+    model = build(SCENE.with_(manipulator=soft, effects=(gravity, Inertia(), MaterialDamping())))
+    still = replace(SETTINGS, profile=InputProfile.of(3))
+    found = certify(model, simulate(model, still.profile, 0.05), still)
+    assert found.text.startswith("unknown: the arm stays at an unstable rest") == up
+    assert (found.model.worst_m is None) == up
+    assert (found.windows == ()) == up
+    assert up or found.notes == ()
+
+
+def test_a_stopped_motion_is_covered_up_to_its_stop(model: Model, motion: Simulation) -> None:
+    stopped = replace(motion, status="stopped: the water boils, after t = 0.4 s")
+    found = certify(model, stopped, SETTINGS, window=0.1)
+    assert [(w.start, w.end) for w in found.windows] == [(pytest.approx(0.3), 0.4)]
+    assert found.notes == (
+        "only what came before is covered: stopped: the water boils, after t = 0.4 s",
+        "postures at rest are not compared: the motion did not come to its end",
+    )
+    assert found.model.windows_m[0] and found.model.end_m is None
+    assert found.summary()["notes"] == list(found.notes)
+
+
+def test_a_window_at_the_end_beside_the_fastest() -> None:
+    speeds = np.full(101, 0.01)
+    speeds[20:24] = 2.0
+    first, second = choose_windows(moving(speeds), 1.0, 2, to_the_end=True)
+    assert first.first <= 20 < first.last < second.first
+    assert (second.first, second.last) == (90, 100)
+
+
+def test_what_takes_too_long_is_given_up(
+    model: Model, motion: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("softmpc.study.measure.PATIENCE", 0.0)
+    found = certify(model, motion, SETTINGS)
+    assert found.numerical.windows_m == found.model.windows_m == (None,)
+    assert found.left_out == ()
+    assert "took longer than 0 s" in found.skipped["coriolis"]
+    monkeypatch.setattr("softmpc.study.certify.ENOUGH", -1.0)
+    assert "not begun" in certify(model, motion, SETTINGS).skipped["coriolis"]
+
+
+def test_divided_inputs_are_the_same_and_cut_a_run(model: Model) -> None:
+    profile = InputProfile.of(3, [Step(1, 0.1, 2.0), Ramp(2, 0.1, 0.3, 5.0)])
+    assert len(profile.breakpoints) == 2
+    more = divided(profile, 0.01, 0.4)
+    times = np.linspace(0.0, 0.5, 501)
+    np.testing.assert_array_equal(more(times), profile(times))
+    seen: list[float] = []
+    simulate(model, more, 0.4, progress=lambda done, _: seen.append(done))
+    assert len(seen) >= 10
+    assert np.diff([0.0, *seen]).max() == pytest.approx(0.04)

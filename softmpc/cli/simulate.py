@@ -182,6 +182,8 @@ def _text(data: dict[str, Any], done: Simulation) -> str:
     rows += _energy_rows(data.get("audit"))
     if data.get("certificate"):
         rows.append(("accuracy", data["certificate"]["text"]))
+        text, notes = data["certificate"]["text"], data["certificate"]["notes"]
+        rows += [("not covered", note) for note in notes if note not in text]
         rows.append(("not asked", ", ".join(data["certificate"]["skipped"]) or "nothing"))
     return "\n".join([data["title"], table(rows)])
 

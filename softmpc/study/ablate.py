@@ -14,6 +14,7 @@ from softmpc.errors import BuildError, InputError, SceneError, SoftmpcError, err
 from softmpc.model.model import Model, build
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document, scene_from_dict
+from softmpc.simulation.integrator import IntegrationError
 from softmpc.simulation.interrupts import InterruptLater
 from softmpc.simulation.result import Simulation
 from softmpc.simulation.settings import SimulationSettings, read_settings
@@ -76,7 +77,12 @@ class Baseline:
     def of(cls, scene: Scene, runner: Runner) -> Baseline:
         """Run the scene; raises what building and running it raises."""
         model = build(scene)
-        motion = runner.tight(model)
+        try:
+            motion = runner.tight(model)
+        except IntegrationError as error:
+            raise IntegrationError(
+                f"nothing to compare, for the scene as given does not come to its end: {error}"
+            ) from None
         looser = runner.tight(model, 10 * TIGHT)
         own = runner.own(model)
         wall_s, _ = runner.wall_s(model, model)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from softmpc.errors import BuildError, InputError, SceneError
 from softmpc.model.actuation import Actuation
-from softmpc.model.effects import EFFECTS, Effect
+from softmpc.model.effects import EFFECTS, Effect, Inertia, RotaryInertia
 from softmpc.model.model import build
 from softmpc.model.scene import Scene
 
@@ -61,18 +61,26 @@ def driving(scene: Scene, actuation: Actuation) -> Scene:
 
 
 def adding(scene: Scene, kind: type[Effect]) -> Scene:
-    """The scene with an effect of that class with its default parameters, and what that needs."""
+    """The scene with an effect of that class with its default parameters, and what that needs.
+
+    Inertia brings rotary inertia where twist is a state, which has no mass without it.
+    """
     try:
         added = kind()
     except (TypeError, InputError) as error:
         raise SceneError(f"effect {kind.name!r} has no default parameters: {error}") from None
     missing = {k.name: k for k in EFFECTS} | {e.name: type(e) for e in scene.effects}
-    needed, effects = list(added.needs), [*scene.effects, added]
+    needed, effects = [*added.needs, *_companions(scene, added)], [*scene.effects, added]
     for name in needed:
         if name not in [e.name for e in effects] and name in missing:
             effects.append(missing[name]())
-            needed += effects[-1].needs
+            needed += [*effects[-1].needs, *_companions(scene, effects[-1])]
     return built(scene.with_(effects=tuple(effects)))
+
+
+def _companions(scene: Scene, added: Effect) -> tuple[str, ...]:
+    twists = isinstance(added, Inertia) and "kappa_z" in scene.strains
+    return (RotaryInertia.name,) if twists else ()
 
 
 def built(scene: Scene) -> Scene:

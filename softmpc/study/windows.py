@@ -10,7 +10,9 @@ from softmpc.model.model import Model
 from softmpc.simulation.inputs import Curve, InputProfile
 from softmpc.simulation.result import Simulation
 
-__all__ = ["Window", "choose_windows", "later", "mapped_state"]
+__all__ = ["Window", "choose_windows", "divided", "later", "mapped_state"]
+
+PIECES = 10  # of a run
 
 
 @dataclass(frozen=True)
@@ -28,12 +30,14 @@ class Window:
         return self.first == 0
 
 
-def choose_windows(motion: Simulation, length: float, count: int = 1) -> list[Window]:
+def choose_windows(
+    motion: Simulation, length: float, count: int = 1, *, to_the_end: bool = False
+) -> list[Window]:
     """Up to `count` windows of `length` s with the fastest motion, which do not overlap.
 
     The measure is the integral of the squared speeds of all section tips, less what it would be at
     the speed at the start: a window that starts calm sees most of what builds up in it. The only
-    window is the whole motion where that is no longer.
+    window is the whole motion where that is no longer. One of them is the end, if `to_the_end`.
     """
     time = motion.time
     energy = np.sum(motion.tip_speeds**2, axis=1)
@@ -41,13 +45,19 @@ def choose_windows(motion: Simulation, length: float, count: int = 1) -> list[Wi
         return [Window(0, len(time) - 1, float(time[0]), float(time[-1]))]
     free = np.ones(len(time), bool)
     chosen: list[Window] = []
-    for _ in range(count):
-        best = _liveliest(time, energy, free, length)
+    for number in range(count):
+        last = to_the_end and number == 0
+        best = _last(time, length) if last else _liveliest(time, energy, free, length)
         if best is None:
             break
         chosen.append(best)
         free[best.first : best.last + 1] = False
     return sorted(chosen, key=lambda window: window.start)
+
+
+def _last(time: np.ndarray, length: float) -> Window:
+    first = int(np.searchsorted(time, time[-1] - length * (1 + 1e-9)))
+    return Window(first, len(time) - 1, float(time[first]), float(time[-1]))
 
 
 def _liveliest(
@@ -68,6 +78,24 @@ def _liveliest(
 def later(profile: InputProfile, start: float) -> InputProfile:
     """The same inputs with the time counted from `start` (s)."""
     return InputProfile(tuple(Curve(c.times - start, c.values) for c in profile.curves))
+
+
+@dataclass(frozen=True, eq=False)
+class DividedProfile(InputProfile):
+    """Inputs of a run that is cut at more times (s) than where they bend."""
+
+    cuts: np.ndarray
+
+    @property
+    def breakpoints(self) -> np.ndarray:
+        return np.union1d(super().breakpoints, self.cuts)
+
+
+def divided(profile: InputProfile, sample_time: float, duration: float) -> DividedProfile:
+    """The same inputs for a run in pieces, between which it can be given up; cuts are samples."""
+    samples = int(duration / sample_time + 1e-6)
+    cuts = sample_time * np.arange(samples)[:: max(1, -(-samples // PIECES))][1:]
+    return DividedProfile(profile.curves, cuts)
 
 
 def mapped_state(x: np.ndarray, model: Model, other: Model, rest: np.ndarray) -> np.ndarray:
