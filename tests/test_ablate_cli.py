@@ -198,6 +198,11 @@ def test_a_scene_that_stops(tmp_path: Path) -> None:
     assert "nothing to compare, for the scene as given does not come to its end" in result.stderr
     assert "below vapour pressure; add the effect 'cavitation'" in result.stderr
     result = softmpc("simulate", path, "--certify")
+    assert result.exit_code == 3
+    assert "unknown: there is no motion to run again: stopped: P_c_1 fell" in result.stdout
+    path.write_text(path.read_text(encoding="utf-8").replace("at = 0.0", "at = 0.05"), "utf-8")
+    result = softmpc("simulate", path, "--certify")
+    assert result.exit_code == 3
     assert "only what came before is covered: stopped: P_c_1 fell" in result.stdout
 
 

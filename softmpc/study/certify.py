@@ -117,6 +117,8 @@ def certify(
         raise InputError(
             f"window = {window!r} s, windows = {windows!r}: must be above 0, at least 1"
         )
+    if len(motion.time) < 2 and not motion.finished:
+        return _nothing(model.scene, f"there is no motion to run again: {motion.status}")
     if len(motion.time) < 2:
         raise InputError("a motion of one sample has nothing to certify")
     if stays_unstable(model, motion):
