@@ -154,7 +154,7 @@ def test_text_names_what_shows() -> None:
     assert note.text == "model error 1.8 mm, numerical 1 µm; left out: tube inertance 9 mm"
     assert note.summary()["left_out_m"] == {"tube_inertance": 9e-3, "cavitation": 2e-6}
     nothing = replace(note, left_out=(), model=finding("model", None))
-    assert nothing.text == "model error unknown, numerical 1 µm; left out: nothing that shows"
+    assert nothing.text == "model error unknown, numerical 1 µm; left out: nothing could be run"
     rounding = replace(
         note, numerical=finding("numerical", 0.0), left_out=(finding("rotor_inertia", 3e-17),)
     )

@@ -76,7 +76,8 @@ class Certificate:
         seen = [f for f in self.left_out if f.worst_m is not None and f.worst_m > floor]
         names = ", ".join(f"{f.name.replace('_', ' ')} {_length(f)}" for f in seen)
         error = f"model error {_length(self.model)}, numerical {_length(self.numerical)}"
-        return f"{error}; left out: {names or 'nothing that shows'}"
+        none = "nothing that shows" if self.left_out else "nothing could be run"
+        return f"{error}; left out: {names or none}"
 
     def summary(self) -> dict[str, Any]:
         """What a program wants to know, ready for JSON."""
