@@ -23,7 +23,7 @@ from softmpc.simulation.interrupts import InterruptLater
 from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.result import Simulation, titles_of
 from softmpc.simulation.settings import STARTS, read_settings
-from softmpc.simulation.validity import MotionWarning, late_inputs, motion_warnings
+from softmpc.simulation.validity import VAPOUR, MotionWarning, late_inputs, motion_warnings
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 
 __all__ = ["simulate", "simulate_file", "start_state"]
@@ -31,7 +31,6 @@ __all__ = ["simulate", "simulate_file", "start_state"]
 CHUNK = 200  # samples of one call at most: between calls there is progress, and an end on Ctrl-C
 MOST_SAMPLES = 5_000_000
 SHORTEST_STRETCH = -0.95  # ε; at -1 a segment has no length
-VAPOUR = -0.1e6  # Pa, gauge: below it water boils, whatever the equations say
 Progress = Callable[[float, float], None]
 
 

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from softmpc.model.model import Model
     from softmpc.simulation.inputs import InputProfile
 
-__all__ = ["MotionWarning", "late_inputs", "motion_warnings", "reynolds_numbers"]
+__all__ = ["VAPOUR", "MotionWarning", "late_inputs", "motion_warnings", "reynolds_numbers"]
 
 LAMINAR = 2300.0  # Reynolds number up to which pipe flow is laminar
 SMOOTH = 1e5  # up to which Blasius's law was measured
-VAPOUR = -99e3  # Pa, gauge
+VAPOUR = -99e3  # Pa, gauge: below it water boils, whatever the equations say
 SUCTION = -5e3  # Pa, gauge: less is not worth a word
 INERT = 0.1  # of the highest pressure
 SLACK = 1e-4  # m, of the piston's travel
