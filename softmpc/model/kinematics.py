@@ -20,8 +20,6 @@ from softmpc.model.jets import cross, dot, stack
 
 __all__ = ["Arc", "ConstantStrainArc", "PaperArc"]
 
-E_Z = ca.DM([0.0, 0.0, 1.0])
-
 
 class Arc(ABC):
     """One segment's geometry: a slot of the scene."""

@@ -13,9 +13,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from softmpc.errors import BuildError, InputError
+from softmpc.errors import BuildError
 from softmpc.model.model import Model
-from softmpc.simulation.integrator import IntegrationError, Interval
+from softmpc.simulation.integrator import IntegrationError, Interval, relative_tolerance
 
 __all__ = ["Cvodes"]
 
@@ -30,12 +30,10 @@ class Cvodes:
     """
 
     def __init__(self, model: Model, tolerance: float = 1e-8) -> None:
-        if not 1e-13 <= tolerance <= 1e-2:
-            raise InputError(f"tolerance = {tolerance!r}: must be between 1e-13 and 0.01")
+        self.model, self.tolerance = model, relative_tolerance(tolerance)
         if model.order != 2:
             raise BuildError("CVODES needs the effect 'inertia': take method = 'radau' or 'idas'")
         model.require_mass("CVODES")
-        self.model, self.tolerance = model, float(tolerance)
         self._integrator = lru_cache(maxsize=8)(self._make)  # by the number of samples
 
     def advance(

@@ -20,9 +20,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from softmpc.errors import InputError
 from softmpc.model.model import Model
-from softmpc.simulation.integrator import IntegrationError, Interval
+from softmpc.simulation.integrator import IntegrationError, Interval, relative_tolerance
 from softmpc.simulation.system import System
 
 __all__ = ["Idas"]
@@ -38,9 +37,8 @@ class Idas:
     """
 
     def __init__(self, model: Model, tolerance: float = 1e-8) -> None:
-        if not 1e-13 <= tolerance <= 1e-2:
-            raise InputError(f"tolerance = {tolerance!r}: must be between 1e-13 and 0.01")
-        self.model, self.tolerance, self.system = model, float(tolerance), System(model)
+        self.model, self.tolerance = model, relative_tolerance(tolerance)
+        self.system = System(model)
         self._integrator = lru_cache(maxsize=8)(self._make)  # by the number of samples
 
     def advance(

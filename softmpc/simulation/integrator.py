@@ -9,7 +9,7 @@ import numpy as np
 from softmpc.errors import InputError, SoftmpcError
 from softmpc.model.model import Model
 
-__all__ = ["IntegrationError", "Integrator", "Interval"]
+__all__ = ["IntegrationError", "Integrator", "Interval", "relative_tolerance"]
 
 
 class IntegrationError(SoftmpcError):
@@ -53,6 +53,13 @@ class Interval:
         end = self.u0 if u_end is None else _vector("u_end", u_end, len(layout.u))
         self.u_slope = (end - self.u0) / duration
         self.duration, self.times = duration, duration * np.arange(1, samples + 1) / samples
+
+
+def relative_tolerance(value: float) -> float:
+    """A tolerance of SUNDIALS; raises `InputError` outside what its methods can keep."""
+    if not 1e-13 <= value <= 1e-2:
+        raise InputError(f"tolerance = {value!r}: must be between 1e-13 and 0.01")
+    return float(value)
 
 
 def _vector(name: str, value: Any, size: int) -> np.ndarray:
