@@ -41,8 +41,9 @@ def test_preset_v1_is_frozen() -> None:
         chamber_volume=7.85e-5, water_density=1000.0, friction_velocity=1e-3,
     )  # fmt: skip
     limits = dict(
-        pressure_min=0.0, pressure_max=1e6, torque_min=0.0, torque_max=2.5, stroke_max=0.35
-    )
+        pressure_min=0.0, pressure_max=1e6, torque_min=0.0, torque_max=2.5, stroke_max=0.35,
+        stretch_min=-0.5, stretch_max=2.0, curvature_max=1e4,
+    )  # fmt: skip
     assert arm.name == "chen2022-v1"
     assert vars(arm.sections[0]) == section
     turned = tuple(math.radians(angle) for angle in (180, 300, 60))
@@ -100,8 +101,8 @@ def test_ranges_are_wide() -> None:
         (Section, {"unit_angles": (0.0, 90.0)}, r"unit_angles\[1\] = 90 rad"),
         (Hydraulics, {"efficiency": 0.0}, "must be above 0 and at most 1"),
         (Hydraulics, {"screw": "lead/pi"}, r"did you mean 'lead/2pi'\? allowed: lead/2pi, lead"),
-        (Limits, {"pressure_max": -1.0}, r"pressure_min = 0 Pa: must be below pressure_max"),
-        (Limits, {"torque_min": 2.5}, r"torque_min = 2\.5 N·m: must be below"),
+        (Limits, {"pressure_max": -1.0}, r"pressure_min = 0 Pa: must be at most pressure_max"),
+        (Limits, {"torque_min": 2.6}, r"torque_min = 2\.6 N·m: must be at most"),
         (Manipulator, {"name": "", "sections": (Section(),)}, "non-empty text"),
         (Manipulator, {"name": "a", "sections": ()}, "one or more Section"),
         (Manipulator, {"name": "a", "sections": (1,)}, r"sections\[0\] = 1: must be a Section"),

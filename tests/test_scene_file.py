@@ -386,7 +386,7 @@ def test_bad_file(content: bytes, message: str, tmp_path: Path) -> None:
         ),
         ("[hydraulics]\nefficiency = 0", "efficiency = 0: must be above 0 and at most 1"),
         ("[hydraulics]\nscrew = 'lead/pi'", "did you mean 'lead/2pi'"),
-        ("[limits]\npressure_max = -1", "must be below pressure_max"),
+        ("[limits]\npressure_max = -1", "must be at most pressure_max"),
         ("[model]\nkinematics = 'paper'", "unknown kinematics: 'paper'; did you mean 'paper-arc'"),
         ("[model]\nkinematics = 3", "kinematics = 3: must be a text, one of constant-strain"),
         ("[model]\nformulation = 'newton'", "did you mean 'newton-euler'"),

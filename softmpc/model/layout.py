@@ -12,6 +12,7 @@ from softmpc.model.scene import STRAINS, Scene
 
 __all__ = ["Layout", "Variables"]
 
+ATMOSPHERE = 1e5  # Pa, the size of pressures where the limits leave none
 UNITS = {
     **dict.fromkeys(STRAINS, "1/m"),
     "epsilon": "",
@@ -66,7 +67,7 @@ class Layout:
         sizes = {"piston_speed": 0.05, "P_a": pressure, "P_c": pressure, "P_slow": pressure}
         sizes["Q"] = sizes["piston_speed"] * arm.hydraulics.piston_area
         kinds = drive.unit_states(scene.effects)
-        torque = max(abs(arm.limits.torque_max), abs(arm.limits.torque_min))
+        torque = max(abs(arm.limits.torque_max), abs(arm.limits.torque_min)) or 1.0
         p = _column([(f"P_{j}", "Pa", pressure) for j in count])
         return cls(
             q=Variables(tuple(names), tuple(units), q),
@@ -81,7 +82,7 @@ class Layout:
 
 def _full_pressure(scene: Scene) -> float:
     limits = scene.manipulator.limits
-    return max(abs(limits.pressure_max), abs(limits.pressure_min))
+    return max(abs(limits.pressure_max), abs(limits.pressure_min)) or ATMOSPHERE
 
 
 def _strains(scene: Scene) -> Iterator[tuple[str, str, float, float, float]]:

@@ -175,7 +175,7 @@ class Hydraulics:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What the drive may do; gauge pressures in Pa, torques in N·m, stroke in m."""
+    """What the drive may do, and the arm at rest; gauge pressures in Pa, torques in N·m."""
 
     # fmt: off
     pressure_min: float = quantity(
@@ -198,15 +198,27 @@ class Limits:
         0.35, unit="m", source="deduced: V_2/A_c", low=1e-5, high=100.0,
         doc="largest travel of the piston",
     )
+    stretch_min: float = quantity(
+        -0.5, unit="", source="assumed: half the rest length", low=-0.95, high=0.0,
+        doc="least stretch ε of a segment at rest",
+    )
+    stretch_max: float = quantity(
+        2.0, unit="", source="assumed: three times the rest length, as rubber bears",
+        low=0.0, high=100.0, doc="largest stretch ε of a segment at rest",
+    )
+    curvature_max: float = quantity(
+        1e4, unit="1/m", source="assumed: no limit", low=0.0, low_open=True, high=1e4,
+        doc="largest curvature √(kx² + ky²) of a segment at rest; 10000 is no limit",
+    )
     # fmt: on
 
     def __post_init__(self) -> None:
         check_quantities(self)
         for name, unit in (("pressure", "Pa"), ("torque", "N·m")):
             low, high = getattr(self, f"{name}_min"), getattr(self, f"{name}_max")
-            if not low < high:
+            if not low <= high:
                 raise ParameterError(
-                    f"Limits.{name}_min = {low:.12g} {unit}: must be below "
+                    f"Limits.{name}_min = {low:.12g} {unit}: must be at most "
                     f"{name}_max = {high:.12g} {unit}"
                 )
 
