@@ -13,7 +13,9 @@ __all__ = [
     "ParameterError",
     "SceneError",
     "SoftmpcError",
+    "SweepError",
     "errors_in",
+    "is_interrupt",
     "nearest",
     "unknown_name",
 ]
@@ -37,6 +39,20 @@ class SceneError(InputError):
 
 class BuildError(SoftmpcError):
     """The scene is valid but cannot run in the way that was asked."""
+
+
+class SweepError(SoftmpcError):
+    """A case of a sweep that failed, or workers that do not live."""
+
+
+def is_interrupt(error: BaseException) -> bool:
+    """Whether it is Ctrl-C, which CasADi turns into other errors."""
+    cause: BaseException | None = error
+    while cause:
+        if isinstance(cause, KeyboardInterrupt) or "KeyboardInterrupt" in str(cause):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str | None:

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from softmpc.errors import is_interrupt
+
 if TYPE_CHECKING:
     from softmpc.model.scene import Scene
 
@@ -118,16 +120,6 @@ def load(path: Path) -> tuple[str, Scene]:
     document = read_document(path)
     with errors_in(path):
         return document.get("title") or path.stem, scene_from_dict(document)
-
-
-def is_interrupt(error: BaseException) -> bool:
-    """Whether it is Ctrl-C, which CasADi turns into other errors."""
-    cause: BaseException | None = error
-    while cause:
-        if isinstance(cause, KeyboardInterrupt) or "KeyboardInterrupt" in str(cause):
-            return True
-        cause = cause.__cause__ or cause.__context__
-    return False
 
 
 def notice(line: str) -> None:

@@ -1,0 +1,73 @@
+"""Where the cases of a command are done: --workers and --dask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softmpc.errors import InputError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+__all__ = ["executor_for", "sweep_options"]
+
+PATIENCE_S = 5.0
+
+
+def sweep_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options --workers and --dask, for `executor_for`."""
+    dask = click.option(
+        "--dask", metavar="ADDRESS",
+        help="Work on the workers of a Dask scheduler, tcp://HOST:8786, instead.",
+    )  # fmt: skip
+    workers = click.option(
+        "--workers", type=click.IntRange(min=1), metavar="N",
+        help="Processes to work in; 1: in this one.  [default: one a usable core]",
+    )  # fmt: skip
+    return workers(dask(command))
+
+
+@contextmanager
+def executor_for(workers: int | None, dask: str | None) -> Iterator[Executor | int | None]:
+    """What `sweep` takes as its executor, as long as the context lasts.
+
+    Raises `InputError` where both are given, and where Dask cannot be used.
+    """
+    if dask is None:
+        yield workers
+        return
+    if workers is not None:
+        raise InputError("give --workers or --dask: a Dask scheduler has its own workers")
+    with _client(dask) as client:
+        yield client.get_executor()
+
+
+def _client(address: str) -> Any:
+    """A Dask client that has workers."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--dask needs Dask: pip install 'softmpc[dask]'") from None
+    where = f"--dask {address}"
+    try:
+        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{where}: no scheduler answers ({error}); `dask scheduler` starts one and prints "
+            "its address"
+        ) from None
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+    except OSError:  # a TimeoutError
+        client.close()
+        raise InputError(
+            f"{where}: the scheduler has no workers; `dask worker {address}` starts one"
+        ) from None
+    except BaseException:
+        client.close()
+        raise
+    return client
