@@ -1,7 +1,8 @@
 """What an arm may do at rest: limits of its scene as bounds of pressures and strains, and rows.
 
 Torque and stroke bound the pressures too, for at rest each unit's pressure is a multiple of its
-torque. Only where the arm acts back on the drive does the stroke depend on the posture.
+torque, and mostly of its piston's travel. Where the arm acts back on the drive or water cavitates,
+the stroke makes rows.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from softmpc.errors import InputError
-from softmpc.model.drive_effects import ChamberCoupling, find
+from softmpc.model.drive_effects import Cavitation, ChamberCoupling, EndStops, find
 from softmpc.model.model import Model
 
 __all__ = ["RestLimits", "limit_rows", "rest_limits", "torques_at_rest"]
@@ -44,9 +45,9 @@ def rest_limits(model: Model, held: Mapping[int, float] | None = None) -> RestLi
         gain = np.diag(model.drive.static_gain)
         ends = np.sort(np.outer([limits.torque_min, limits.torque_max], gain), axis=0)
         low, high = np.maximum(low, ends[0]), np.minimum(high, ends[1])
-    if len(model.drive.X) and not _acts_back(model):
-        most = limits.stroke_max / np.abs(np.diag(_travel_of_pressure(model)))
-        low, high = np.maximum(low, -most), np.minimum(high, most)
+    if len(model.drive.X) and _travels_linearly(model):
+        ends = np.outer(_stroke(model), 1 / np.diag(_travel_of_pressure(model)))
+        low, high = np.maximum(low, ends[0]), np.minimum(high, ends[1])
     fixed = {int(unit): float(p) for unit, p in (held or {}).items()}
     for unit, pressure in fixed.items():
         _check_held(unit, pressure, low, high)
@@ -78,20 +79,31 @@ def limit_rows(model: Model, q: ca.SX, p: ca.SX) -> tuple[ca.SX, np.ndarray, np.
     if limits.curvature_max < LIMITLESS:
         for bends in _bends(model):
             rows.append(ca.sumsqr(q[bends]) / limits.curvature_max**2)
-            low, high = [*low, -1.0], [*high, 1.0]
-    if len(model.drive.X) and _acts_back(model):
+            low.append(-1.0)
+            high.append(1.0)
+    if len(model.drive.X) and not _travels_linearly(model):
+        shortest, longest = np.array(_stroke(model)) / limits.stroke_max
         z = ca.mtimes(ca.DM(model.drive.at_rest(np.linalg.inv(model.drive.static_gain))), p)
         travel = model.piston_places(z, q) / limits.stroke_max
         rows.append(travel)
-        low, high = [*low, *[-1.0] * travel.numel()], [*high, *[1.0] * travel.numel()]
+        low += [shortest] * travel.numel()
+        high += [longest] * travel.numel()
     return ca.vertcat(*rows) if rows else ca.SX(0, 1), np.array(low), np.array(high)
 
 
 LIMITLESS = 1e4  # 1/m, the default of `Limits.curvature_max`
 
 
-def _acts_back(model: Model) -> bool:
-    return find(model.scene.effects, ChamberCoupling) is not None
+def _travels_linearly(model: Model) -> bool:
+    """Whether a piston's travel at rest is a multiple of its unit's pressure."""
+    effects = model.scene.effects
+    return find(effects, ChamberCoupling) is None and find(effects, Cavitation) is None
+
+
+def _stroke(model: Model) -> tuple[float, float]:
+    """Ends of the pistons' travel (m), from where they are with the arm straight."""
+    most, stops = model.scene.manipulator.limits.stroke_max, find(model.scene.effects, EndStops)
+    return (-stops.start, most - stops.start) if stops else (-most, most)
 
 
 def _travel_of_pressure(model: Model) -> np.ndarray:
