@@ -17,7 +17,7 @@ from softmpc.model.scene import Scene
 from softmpc.statics import program as program_module
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.program import Extra, RestProgram, RestSolution, RestSolver, Rows
-from softmpc.statics.rest_limits import rest_limits, torques_at_rest
+from softmpc.statics.rest_limits import beyond_limits, rest_limits, torques_at_rest
 
 PAPER = chen2022()
 
@@ -158,3 +158,14 @@ def test_long_arms_have_the_same_hessian(monkeypatch: pytest.MonkeyPatch) -> Non
     _, other = ray(model)
     by_column = other._ipopt.get_function("nlp_hess_l")(point, [0.1, 0.0, 0.5], 0.7, weights)
     assert np.asarray(by_column) == pytest.approx(np.asarray(written), rel=1e-9, abs=1e-9)
+
+
+def test_what_is_beyond_a_limit_is_said_by_name() -> None:
+    model = arm(limited(stretch_max=0.1, curvature_max=1.0, stroke_max=0.01))
+    posture = find_equilibrium(model, [1.2e6, 0, 0, 0, 0, 0])
+    said = beyond_limits(model, posture.q, posture.pressures)
+    expected = ("pressure of unit 1", "a piston travels", "epsilon_1_1", "curvature of segment 1")
+    assert [line.split(" = ")[0][: len(e)] for line, e in zip(said, expected, strict=False)] == [
+        *expected
+    ]
+    assert beyond_limits(arm(), np.zeros(8), np.zeros(6)) == []

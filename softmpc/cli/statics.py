@@ -100,6 +100,8 @@ def _check(
 
 
 def _data(model: Model, found: Equilibrium) -> dict[str, Any]:
+    from softmpc.statics.rest_limits import piston_travel
+
     data = {
         "converged": found.converged,
         "status": found.status,
@@ -113,7 +115,7 @@ def _data(model: Model, found: Equilibrium) -> dict[str, Any]:
         "pressures_mpa": found.pressures / 1e6,
         "segments": _segments(model, found.q),
     }
-    travel = _piston_travel(model, found)
+    travel = piston_travel(model, found.q, found.pressures)
     return data if travel is None else data | {"piston_travel_mm": travel * 1e3}
 
 
@@ -137,28 +139,11 @@ def _segments(model: Model, q: np.ndarray) -> list[dict[str, float]]:
     return rows
 
 
-def _piston_travel(model: Model, found: Equilibrium) -> np.ndarray | None:
-    """Places of the pistons at rest (m), where the drive has pistons."""
-    import numpy as np
-
-    if not len(model.drive.X):
-        return None
-    u = np.linalg.solve(model.drive.static_gain, found.pressures)
-    return np.asarray(model.piston_places(model.drive.at_rest(u), found.q)).ravel()
-
-
 def _warnings(model: Model, found: Equilibrium) -> list[str]:
     """What is not wrong input, yet not as it should be."""
-    limits = model.scene.manipulator.limits
-    slack = 1e-3 * limits.pressure_max
-    said = [
-        f"pressure of unit {j} is {p / 1e6:.4g} MPa, outside its limits"
-        for j, p in enumerate(found.pressures, 1)
-        if not limits.pressure_min - slack <= p <= limits.pressure_max + slack
-    ]
-    travel = _piston_travel(model, found)
-    if travel is not None and abs(travel).max() > limits.stroke_max:
-        said.append(f"a piston travels {abs(travel).max() * 1e3:.4g} mm, beyond its stroke")
+    from softmpc.statics.rest_limits import beyond_limits
+
+    said = beyond_limits(model, found.q, found.pressures)
     if found.converged and not found.stable:
         said.append("this equilibrium is not stable: the arm would not stay there")
     return said

@@ -18,7 +18,8 @@ from softmpc.errors import InputError
 from softmpc.model.drive_effects import Cavitation, ChamberCoupling, EndStops, find
 from softmpc.model.model import Model
 
-__all__ = ["RestLimits", "limit_rows", "rest_limits", "torques_at_rest"]
+__all__ = ["RestLimits", "beyond_limits", "limit_rows", "piston_travel", "rest_limits",
+           "torques_at_rest"]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,43 @@ def limit_rows(model: Model, q: ca.SX, p: ca.SX) -> tuple[ca.SX, np.ndarray, np.
         low += [shortest] * travel.numel()
         high += [longest] * travel.numel()
     return ca.vertcat(*rows) if rows else ca.SX(0, 1), np.array(low), np.array(high)
+
+
+def piston_travel(model: Model, q: Any, pressures: Any) -> np.ndarray | None:
+    """Places of the pistons at rest (m), where the drive has pistons."""
+    if not len(model.drive.X):
+        return None
+    u = torques_at_rest(model, pressures)
+    return np.asarray(model.piston_places(model.drive.at_rest(u), q)).ravel()
+
+
+def beyond_limits(model: Model, q: np.ndarray, pressures: np.ndarray) -> list[str]:
+    """What of a posture (strains n, pressures m in Pa) the limits do not allow, a line each."""
+    limits = model.scene.manipulator.limits
+    slack = 1e-3 * limits.pressure_max
+    said = [
+        f"pressure of unit {j} is {p / 1e6:.4g} MPa, outside its limits"
+        for j, p in enumerate(pressures, 1)
+        if not limits.pressure_min - slack <= p <= limits.pressure_max + slack
+    ]
+    travel = piston_travel(model, q, pressures)
+    if travel is not None:
+        shortest, longest = _stroke(model)
+        if travel.max() > longest or travel.min() < shortest:
+            worst = float(travel[np.argmax(np.abs(travel))])
+            said.append(f"a piston travels {worst * 1e3:.4g} mm, beyond its stroke")
+    said += [
+        f"{name} = {value:.4g}, outside the limits of stretch, {limits.stretch_min:g} to "
+        f"{limits.stretch_max:g}"
+        for name, value in zip(model.layout.q.names, q, strict=True)
+        if name.startswith("epsilon") and not limits.stretch_min <= value <= limits.stretch_max
+    ]
+    said += [
+        f"curvature of segment {k} is {np.linalg.norm(q[bends]):.4g} 1/m, more than its limit"
+        for k, bends in enumerate(_bends(model), 1)
+        if float(np.linalg.norm(q[bends])) > limits.curvature_max
+    ]
+    return said
 
 
 LIMITLESS = 1e4  # 1/m, the default of `Limits.curvature_max`
