@@ -92,7 +92,7 @@ class RungeKutta:
         carry, fixed = self._begin(given)
         columns, tried = [carry[:, None]], 0
         while columns[-1][0, -1] < given.duration:
-            after = np.asarray(self._many(columns[-1][:, -1], fixed))
+            after = self._trials(columns[-1][:, -1], fixed)
             columns.append(after)
             tried += TRIALS
             self._check(after, given, tried)
@@ -101,6 +101,15 @@ class RungeKutta:
         fresh = np.concatenate([[True], np.diff(parts["t"][0]) > 0])
         self._count(parts, int(fresh.sum()) - 1)
         return {name: part[:, fresh] for name, part in parts.items()}
+
+    def _trials(self, carry: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+        """What some trials carry on (size×trials)."""
+        try:
+            return np.asarray(self._many(carry, fixed))
+        except RuntimeError as error:  # CasADi, of matrices that are not finite, and of Ctrl-C
+            if "KeyboardInterrupt" in str(error):
+                raise KeyboardInterrupt from None
+            raise IntegrationError(f"{self.tableau.name}: the motion is no longer finite") from None
 
     def _begin(self, given: Interval) -> tuple[np.ndarray, np.ndarray]:
         """The first carry, and what the interval shares."""
