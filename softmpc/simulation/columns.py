@@ -22,16 +22,16 @@ def name_of(title: str) -> str:
     return title.partition("[")[0].strip()
 
 
-def read_columns(path: Path_) -> dict[str, np.ndarray]:
+def read_columns(path: Path_, blanks: bool = False) -> dict[str, np.ndarray]:
     """Columns of a CSV file by name, without units; `t` must be there and increase.
 
-    Raises `InputError` for a missing file, no rows, a value that is no finite number, a name given
-    twice, or times that do not increase.
+    With `blanks` an empty cell is nan, but for `t`. Raises `InputError` for a missing file, no
+    rows, a value that is no finite number, a name given twice, or times that do not increase.
     """
-    return {name_of(title): column for title, column in read_titled(path).items()}
+    return {name_of(title): column for title, column in read_titled(path, blanks).items()}
 
 
-def read_titled(path: Path_) -> dict[str, np.ndarray]:
+def read_titled(path: Path_, blanks: bool = False) -> dict[str, np.ndarray]:
     """As `read_columns`, by title with unit."""
     header, rows = _read_rows(Path(path))
     names = [name_of(cell) for cell in header]
@@ -40,7 +40,7 @@ def read_titled(path: Path_) -> dict[str, np.ndarray]:
             raise InputError(f"{path}: column {name!r} is there twice")
     if "t" not in names:
         raise InputError(f"{path}: has no column 't' (time in s); columns: {', '.join(names)}")
-    values = np.array([_numbers(path, names, line, row) for line, row in rows])
+    values = np.array([_numbers(path, names, line, row, blanks) for line, row in rows])
     _check_times(path, values[:, names.index("t")], [line for line, _ in rows])
     return dict(zip((cell.strip() for cell in header), values.T, strict=True))
 
@@ -70,7 +70,9 @@ def _read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return rows[0][1], rows[1:]
 
 
-def _numbers(path: Path_, names: list[str], line: int, row: list[str]) -> list[float]:
+def _numbers(
+    path: Path_, names: list[str], line: int, row: list[str], blanks: bool
+) -> list[float]:
     if len(row) != len(names):
         raise InputError(f"{path}, line {line}: {len(row)} values, the header has {len(names)}")
     numbers = []
@@ -79,7 +81,8 @@ def _numbers(path: Path_, names: list[str], line: int, row: list[str]) -> list[f
             number = float(cell)
         except ValueError:
             number = np.nan
-        if not np.isfinite(number):
+        missing = blanks and name != "t" and not cell.strip()
+        if not (missing or np.isfinite(number)):
             where = f"{path}, line {line}"
             raise InputError(f"{where}, {name} = {cell.strip()!r}: must be a finite number")
         numbers.append(number)

@@ -26,7 +26,7 @@ from softmpc.simulation.settings import STARTS, read_settings
 from softmpc.simulation.validity import VAPOUR, MotionWarning, late_inputs, motion_warnings
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 
-__all__ = ["simulate", "simulate_file", "start_state"]
+__all__ = ["simulate", "simulate_file", "start_state", "states_at"]
 
 CHUNK = 200  # samples of one call at most: between calls there is progress, and an end on Ctrl-C
 MOST_SAMPLES = 5_000_000
@@ -63,18 +63,28 @@ def simulate(
     numbers = {"tip_tolerance": tip_tolerance, "tolerance": tolerance, "step": step}
     integrator = integrator_for(model, method, **numbers)
     x, warnings = _start(model, profile, start)
-    run = _Run(integrator, profile, x)
     integrator.prepare()
-    marks, pieces = _pieces(stamps, profile.breakpoints)
     setup, began = time.perf_counter() - began, time.perf_counter()
-    status = run.through(marks, pieces, progress)
+    status, times, states = states_at(integrator, profile, x, stamps, progress)
     wall = time.perf_counter() - began
-    times, states = run.at(stamps)
     q, _, z = np.split(states, [model.strains, 2 * model.strains], axis=1)
     warnings += motion_warnings(model, times, z, profile(times), q)
     warnings += late_inputs(profile, stamps[-1])
     about = {"setup_s": setup, "status": status, "wall_s": wall, "title": title}
     return _result(model, profile, times, states, warnings=tuple(warnings), **about)
+
+
+def states_at(
+    integrator: Integrator,
+    profile: InputProfile,
+    x: np.ndarray,
+    times: np.ndarray,
+    progress: Progress | None = None,
+) -> tuple[str, np.ndarray, np.ndarray]:
+    """Status, the times (s, increasing) that were reached from x at t = 0, and the states there."""
+    run, times = _Run(integrator, profile, x), _rounded(times)
+    status = run.through(*_pieces(times, profile.breakpoints), progress)
+    return status, *run.at(times)
 
 
 def simulate_file(
@@ -227,10 +237,10 @@ def _rounded(times: np.ndarray) -> np.ndarray:
 
 
 def _pieces(stamps: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Stamps and breakpoints as marks, and pieces of equal steps without a breakpoint inside."""
+    """Zero, stamps and breakpoints as marks; pieces of equal steps without a breakpoint inside."""
     bends = _rounded(bends)
     bends = bends[(bends > 0) & (bends < stamps[-1])]
-    marks = np.union1d(stamps, bends)
+    marks = np.union1d(np.append(0.0, stamps), bends)
     return marks, list(_equal_steps(marks, np.isin(marks, bends)))
 
 

@@ -1,0 +1,138 @@
+"""From where a fit ended to what can be said about it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softmpc.errors import SoftmpcError
+from softmpc.study.calibration_result import Calibration, Estimate, Residual
+from softmpc.study.least_squares import Fit
+from softmpc.study.uncertainty import (
+    Direction,
+    Uncertainty,
+    goodness,
+    quantile,
+    uncertainty,
+    undetermined,
+)
+
+if TYPE_CHECKING:
+    from softmpc.study.calibrate import CalibrationProblem
+    from softmpc.study.residuals import Data
+
+__all__ = ["estimates", "report"]
+
+AT_BOUND = 1e-12  # of x: the search puts there what is at a bound
+SHOWN = 0.1  # the largest relative change in the words for a direction
+UNKNOWN = float("nan")
+
+
+def report(problem: CalibrationProblem, fit: Fit, factor: float) -> Calibration:
+    """The result of a fit; without derivatives where they cannot be computed there."""
+    data, space = problem.data, problem.space
+    shown = problem.predictions.at(fit.x)
+    r, active = data.residuals(shown), data.active(shown)
+    try:
+        J = problem.jacobian(data, fit.x)
+    except SoftmpcError:
+        J = np.full((len(r), len(space)), np.nan)
+    rows = J[active] if np.all(np.isfinite(J)) else np.zeros((0, len(space)))
+    sure = uncertainty(rows, space.prior[1], _free(problem, fit.x), factor)
+    chi2, freedom = float(np.sum(r[active] ** 2)), float(active.sum() - sure.used)
+    directions, determined = undetermined(rows, space.prior[1])
+    scale = float(np.sqrt(chi2 / freedom)) if freedom >= 0.5 else UNKNOWN
+    deviations = sure.deviations
+    return Calibration(
+        status=fit.status,
+        title=problem.title,
+        estimates=estimates(problem, fit.x, sure, determined, freedom),
+        residuals=_residuals(data, shown, r),
+        chi2=chi2,
+        freedom=freedom,
+        probability=goodness(chi2, freedom),
+        sigma_factor=scale,
+        sigma_estimated=problem.estimate_sigma,
+        correlation=sure.correlation,
+        undetermined=tuple(_words(problem, fit.x, direction) for direction in directions),
+        directions=np.array([d.x for d in directions]).reshape(-1, len(space)),
+        jacobian=J,
+        covariance=sure.correlation * np.outer(deviations, deviations),
+        starts=1,
+        agreeing=1,
+        arms=problem.predictions.arms,
+        wall_s=UNKNOWN,
+        scene=space.scene_at(fit.x),
+    )
+
+
+def _free(problem: CalibrationProblem, x: np.ndarray) -> np.ndarray:
+    """Which parameters (P) are not at a bound."""
+    low, high = problem.space.bounds
+    return np.asarray((x - low > AT_BOUND) & (high - x > AT_BOUND))
+
+
+def estimates(
+    problem: CalibrationProblem,
+    x: np.ndarray,
+    sure: Uncertainty,
+    determined: np.ndarray,
+    freedom: float,
+) -> tuple[Estimate, ...]:
+    """The parameters with their 95 % intervals, cut off at the bounds."""
+    space = problem.space
+    low, high = space.bounds
+    reach = quantile(freedom if problem.estimate_sigma else None) * sure.deviations
+    free = _free(problem, x)
+    bottom = np.where(free, np.maximum(low, x - reach), UNKNOWN)
+    top = np.where(free, np.minimum(high, x + reach), UNKNOWN)
+    found = []
+    values, errors = space.values(x), sure.deviations * np.abs(space.slopes(x))
+    edges = [np.where(np.isnan(end), UNKNOWN, space.values(end)) for end in (bottom, top)]
+    for k, path in enumerate(space.names):
+        side = "low" if x[k] - low[k] <= AT_BOUND else "high"
+        found.append(
+            Estimate(
+                path=path,
+                unit=space.units[k],
+                start=float(space.values(space.start)[k]),
+                estimate=float(values[k]),
+                std_error=float(errors[k]),
+                low95=float(edges[0][k]),
+                high95=float(edges[1][k]),
+                bound="" if free[k] else side,
+                determined=bool(determined[k]),
+                prior=space.priors[k],
+                low=float(space.values(low)[k]),
+                high=float(space.values(high)[k]),
+                log=space.logarithmic[k],
+            )
+        )
+    return tuple(found)
+
+
+def _residuals(data: Data, shown: np.ndarray, r: np.ndarray) -> tuple[Residual, ...]:
+    rows = zip(data.names, data.values, shown, data.sigmas, r, data.senses, data.counts, strict=True)
+    return tuple(
+        Residual(name, float(m), float(s), float(d), float(e), sense, bool(fitted))
+        for name, m, s, d, e, sense, fitted in rows
+    )
+
+
+def _words(problem: CalibrationProblem, x: np.ndarray, direction: Direction) -> str:
+    """A direction as changes of the numbers themselves, the largest of them by a tenth."""
+    space = problem.space
+    step = direction.x * SHOWN / np.abs(direction.x).max()
+    values, change = space.values(x), step * space.slopes(x)
+    order = [k for k in np.argsort(-np.abs(step)) if step[k]]
+    said = []
+    for k in order:
+        if values[k] and abs(change[k] / values[k]) < 10:
+            said.append(f"{space.names[k]} {100 * change[k] / values[k]:+.2g} %")
+        else:
+            said.append(f"{space.names[k]} {change[k]:+.2g} {space.units[k]}".rstrip())
+    effect = direction.effect * SHOWN / np.abs(direction.x).max()
+    if len(said) == 1:
+        return f"{said[0]}: changes the residuals by {effect:.1g} sigma in all"
+    return f"{' with '.join(said)}: changes the residuals by {effect:.1g} sigma in all"
