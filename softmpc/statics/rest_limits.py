@@ -92,6 +92,16 @@ def limit_rows(model: Model, q: ca.SX, p: ca.SX) -> tuple[ca.SX, np.ndarray, np.
     return ca.vertcat(*rows) if rows else ca.SX(0, 1), np.array(low), np.array(high)
 
 
+def row_names(model: Model) -> list[str]:
+    """Names of the rows of `limit_rows`."""
+    names: list[str] = []
+    if model.scene.manipulator.limits.curvature_max < LIMITLESS:
+        names += [f"curvature of segment {k}" for k in range(1, len(_bends(model)) + 1)]
+    if len(model.drive.X) and not _travels_linearly(model):
+        names += [f"stroke of unit {j}" for j in range(1, model.scene.manipulator.units + 1)]
+    return names
+
+
 def piston_travel(model: Model, q: Any, pressures: Any) -> np.ndarray | None:
     """Places of the pistons at rest (m), where the drive has pistons."""
     if not len(model.drive.X):

@@ -1,0 +1,282 @@
+"""Inverse statics: pressures that hold section tips at places and in directions, at rest.
+
+IPOPT minimises a cost among all equilibria within the limits. What the tips miss is a variable at
+a high price: a target in reach is hit, and one out of reach gives the nearest posture.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from softmpc.model.model import Model
+from softmpc.statics.active_limits import ActiveLimits
+from softmpc.statics.equilibrium import Equilibrium, find_equilibrium, refine_equilibrium
+from softmpc.statics.inverse_program import InverseProgram
+from softmpc.statics.inverse_result import (
+    NO_CONVERGENCE,
+    SOLVED,
+    UNREACHABLE,
+    InverseResult,
+    torque_band,
+)
+from softmpc.statics.program import RestProgram, RestSolution
+from softmpc.statics.rest_costs import LeastPressure, RestCost
+from softmpc.statics.rest_limits import torques_at_rest
+from softmpc.statics.rest_spread import Spread
+from softmpc.statics.sensitivities import Sensitivities, tip_compliance
+from softmpc.statics.targets import Target, as_targets, lengths
+
+__all__ = ["InverseStatics"]
+
+HIT = 1e-6  # m, nearer counts as there
+SAME = 1e-5  # m, nearer is the same posture
+STARTS = 12  # of the spread, the nearest, before a target counts as out of reach
+
+Targets = Target | Iterable[Target]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An optimum, as the arm itself sees it."""
+
+    solution: RestSolution | None  # None for a posture that nothing led to
+    posture: Equilibrium
+    on_rest_branch: bool
+    distance: float
+    angle: float
+    miss: float  # m, of both
+    cost: float
+
+    @property
+    def good(self) -> bool:
+        """Whether the arm comes here, and stays."""
+        return self.on_rest_branch and self.posture.stable
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """The lower the better: first what hits and can be reached at rest."""
+        if self.miss <= HIT:
+            trouble = 0 if self.good else 1 if self.posture.stable else 2
+            return trouble, self.cost
+        return 3 if self.good else 4, self.miss
+
+
+class InverseStatics:
+    """Inverse statics of one model by one cost.
+
+    `held` gives the pressure (Pa) of units that are stuck, by unit 1, 2, …; `angle_length` (m, the
+    arm's length) is what an error of one radian is worth where place and direction compete.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        cost: RestCost | None = None,
+        held: Mapping[int, float] | None = None,
+        angle_length: float | None = None,
+    ) -> None:
+        self.model, self.cost = model, cost or LeastPressure()
+        self.program = RestProgram(model, held)
+        self.length = model.scene.manipulator.length
+        self.angle_length = self.length if angle_length is None else float(angle_length)
+        self._programs: dict[tuple[object, ...], InverseProgram] = {}
+        self._active = ActiveLimits(model, self.program.limits)
+
+    @cached_property
+    def spread(self) -> Spread:
+        """Postures to start from."""
+        return Spread.of(self.model, self.program.limits)
+
+    def solve(
+        self,
+        targets: Targets,
+        start: InverseResult | Equilibrium | None = None,
+        compare: int = 1,
+    ) -> InverseResult:
+        """The posture that holds one target or several at once.
+
+        It is sought from `start`, then from the nearest postures of the spread, until `compare` of
+        them led to postures that hold the targets and are stable; the best one is returned. The
+        cost of more than one start is for those who want the lowest of several local optima.
+        """
+        began = time.perf_counter()
+        wanted = as_targets(targets, len(self.model.scene.manipulator.sections))
+        inverse, values = self._inverse(wanted), self._values(wanted, start)
+        best, good, iterations, starts = None, 0, 0, 0
+        for guess in self._starts(wanted, inverse, start):
+            found = inverse.solver(guess, values)
+            iterations, starts = iterations + found.iterations, starts + 1
+            if not found.solved:
+                continue
+            candidate = self._judge(found, wanted)
+            if best is None or candidate.rank < best.rank:
+                best = candidate
+            good += candidate.rank[0] == 0
+            if good >= compare:
+                break
+        return self._result(wanted, best, iterations, starts, time.perf_counter() - began)
+
+    def solve_path(
+        self,
+        path: Sequence[Targets],
+        start: InverseResult | Equilibrium | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> list[InverseResult]:
+        """One target after the other, each from the last one that was solved."""
+        results = []
+        for k, targets in enumerate(path):
+            results.append(self.solve(targets, start))
+            start = results[-1] if results[-1].solved else start
+            if progress is not None:
+                progress(k + 1, len(path))
+        return results
+
+    def sensitivities(self, result: InverseResult) -> Sensitivities:
+        """Derivatives at a solution: compliance, and how pressures follow the targets.
+
+        With the limits that are active now; where one is about to become so they hold to one side.
+        NaN where the pressures are not settled, as by `GreatestMargin` where units are to spare.
+        """
+        inverse, targets = self._inverse(result.targets), result.targets
+        solution = result.solution
+        if solution is None:  # read from a file, or solved elsewhere
+            guess = self.program.guess(result.q, result.pressures, np.zeros(inverse.extra))
+            solution = inverse.solver(guess, self._values(targets, result))
+        slopes = inverse.solver.derivative(solution)
+        names, columns, place = [], [], 0
+        for target in targets:
+            own, moved = target.moves()
+            section = "" if target.section is None else f"_{target.section}"
+            names += [name + section for name in own]
+            columns.append(slopes[:, place : place + len(moved)] @ moved)
+            place += len(moved)
+        by_moves, n = np.hstack(columns), self.model.strains
+        pressures = by_moves[n : n + len(self.program.limits.low)]
+        return Sensitivities(
+            compliance=tip_compliance(self.model, result.posture),
+            moves=tuple(names),
+            pressures=pressures,
+            torques=torques_at_rest(self.model, pressures),
+            strains=by_moves[:n],
+        )
+
+    # --- the program -----------------------------------------------------------------------------
+
+    def _inverse(self, targets: tuple[Target, ...]) -> InverseProgram:
+        kinds = tuple(target.kind for target in targets)
+        if kinds not in self._programs:
+            self._programs[kinds] = InverseProgram.of(
+                self.program, self.cost, targets, self.angle_length
+            )
+        return self._programs[kinds]
+
+    def _values(
+        self, targets: tuple[Target, ...], start: InverseResult | Equilibrium | None
+    ) -> np.ndarray:
+        own = self.cost.values(self.model, None if start is None else start.q)
+        return np.concatenate([*(target.values for target in targets), own])
+
+    def _starts(
+        self,
+        targets: tuple[Target, ...],
+        inverse: InverseProgram,
+        start: InverseResult | Equilibrium | None,
+    ) -> Iterator[np.ndarray | RestSolution]:
+        """The start that was given, then postures of the spread, nearest first."""
+        nothing = np.zeros(inverse.extra)
+        if start is not None:
+            limits = self.program.limits
+            inside = np.clip(start.pressures, limits.low, limits.high)
+            last = _solution_of(start, targets)
+            yield last or self.program.guess(start.q, inside, nothing)
+        near = np.argsort(self._miss(targets, self.spread.tips, self.spread.rotations))
+        for k in near[:STARTS]:
+            rest = self.spread.postures[k]
+            yield self.program.guess(rest.q, rest.pressures, nothing)
+
+    # --- what was found --------------------------------------------------------------------------
+
+    def _miss(
+        self, targets: tuple[Target, ...], tips: np.ndarray, rotations: np.ndarray
+    ) -> np.ndarray:
+        """What is priced (m), of N postures."""
+        squares = [
+            distance**2 + (self.angle_length * angle) ** 2
+            for distance, angle in (target.errors(tips, rotations) for target in targets)
+        ]
+        return np.asarray(np.sqrt(np.sum(squares, axis=0)))
+
+    def _judge(self, found: RestSolution, targets: tuple[Target, ...]) -> Candidate:
+        """Whether the arm comes to that posture, by continuation from rest, and how near it is."""
+        posture = find_equilibrium(self.model, found.pressures)
+        tips = np.asarray(self.model.frames(found.q)[0]).T
+        same = posture.converged and float(np.abs(posture.tips - tips).max()) <= SAME
+        if not same:
+            posture = refine_equilibrium(self.model, found.pressures, found.q)
+        return self._candidate(found, posture, same, targets)
+
+    def _nearest_start(self, targets: tuple[Target, ...]) -> Candidate:
+        k = int(np.argmin(self._miss(targets, self.spread.tips, self.spread.rotations)))
+        posture = self.spread.postures[k]
+        return self._candidate(None, posture, posture.converged, targets)
+
+    def _candidate(
+        self,
+        found: RestSolution | None,
+        posture: Equilibrium,
+        same: bool,
+        targets: tuple[Target, ...],
+    ) -> Candidate:
+        tips, rotations = posture.tips[None], posture.rotations[None]
+        distance, angle = (float(x[0]) for x in lengths(targets, tips, rotations))
+        miss = float(self._miss(targets, tips, rotations)[0])
+        cost = float("nan")
+        if found is not None:
+            cost = float(self._inverse(targets).cost(found.point[0], found.parameters))
+        return Candidate(found, posture, same, distance, angle, miss, cost)
+
+    def _result(
+        self,
+        targets: tuple[Target, ...],
+        best: Candidate | None,
+        iterations: int,
+        starts: int,
+        seconds: float,
+    ) -> InverseResult:
+        status = NO_CONVERGENCE
+        if best is None:
+            best = self._nearest_start(targets)
+        else:
+            status = SOLVED if best.miss <= HIT else UNREACHABLE
+        posture, model = best.posture, self.model
+        return InverseResult(
+            status=status,
+            targets=targets,
+            posture=posture,
+            torques=torques_at_rest(model, posture.pressures),
+            torque_band=torque_band(model),
+            distance=best.distance,
+            angle=best.angle,
+            on_rest_branch=best.on_rest_branch,
+            active=self._active(posture.q, posture.pressures),
+            cost=best.cost,
+            iterations=iterations,
+            starts=starts,
+            seconds=seconds,
+            solution=best.solution,
+        )
+
+
+def _solution_of(
+    start: InverseResult | Equilibrium, targets: tuple[Target, ...]
+) -> RestSolution | None:
+    """The solution to start from with its multipliers: of a target hit, of the same kind."""
+    if not isinstance(start, InverseResult) or not start.solved:
+        return None
+    same = [t.kind for t in start.targets] == [t.kind for t in targets]
+    return start.solution if same else None

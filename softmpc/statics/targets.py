@@ -1,0 +1,227 @@
+"""What the tip of a section shall do at rest: be at a place, point along an axis, or both."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softmpc.errors import InputError
+
+__all__ = ["Direction", "Pose", "Position", "Target", "as_targets", "lengths"]
+
+ORTHONORMAL = 1e-3  # largest error of R Rᵀ that counts as rounding
+AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Target(ABC):
+    """One wish for the tip of a section, counted from 1 at the base; None is the last one.
+
+    Values travel apart from the kind: targets of one `kind` share one program.
+    """
+
+    section: int | None = field(default=None, kw_only=True)
+
+    name: ClassVar[str]
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What the program depends on."""
+        return (type(self), self.section)
+
+    @property
+    @abstractmethod
+    def values(self) -> np.ndarray:
+        """What the program takes as parameters."""
+
+    @abstractmethod
+    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """How far the tip is off: by place (m), and by angle (rad, for small angles)."""
+
+    @abstractmethod
+    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance (m) and angle (rad) of N postures: section tips (N×S×3, N×S×3×3)."""
+
+    @abstractmethod
+    def moves(self) -> tuple[list[str], np.ndarray]:
+        """Ways to move the target (x, y, z in m, turns in rad), and how values change by each."""
+
+    def check(self, sections: int) -> None:
+        """Raise `InputError` where the arm has no such section."""
+        if self.section is not None and not 1 <= self.section <= sections:
+            raise InputError(
+                f"target of section {self.section}: this arm has the sections 1 to {sections}"
+            )
+
+    def index(self, sections: int) -> int:
+        """Place of its section among the tips."""
+        return sections - 1 if self.section is None else self.section - 1
+
+
+@dataclass(frozen=True)
+class Position(Target):
+    """The tip's place (m, base frame); a coordinate that is None is free."""
+
+    place: tuple[float | None, ...]
+
+    name: ClassVar[str] = "position"
+
+    def __post_init__(self) -> None:
+        given = list(self.place)
+        if len(given) != 3 or all(x is None for x in given):
+            raise InputError(
+                f"Position.place = {given}: must be three numbers in m, or None where free"
+            )
+        fixed = _finite("Position.place", [x for x in given if x is not None], "m")
+        numbers = iter(fixed.tolist())
+        place = tuple(None if x is None else next(numbers) for x in given)
+        object.__setattr__(self, "place", place)
+
+    @property
+    def _fixed(self) -> list[int]:
+        return [i for i, x in enumerate(self.place) if x is not None]
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        return (*super().kind, *self._fixed)
+
+    @property
+    def values(self) -> np.ndarray:
+        return np.array([self.place[i] for i in self._fixed], float)
+
+    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return tip[self._fixed] - values, ca.SX(0, 1)
+
+    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        at = tips[:, self.index(tips.shape[1])]
+        off = at[:, self._fixed] - self.values
+        return np.linalg.norm(off, axis=1), np.zeros(len(at))
+
+    def moves(self) -> tuple[list[str], np.ndarray]:
+        return [AXES[i] for i in self._fixed], np.eye(len(self._fixed))
+
+
+@dataclass(frozen=True)
+class Direction(Target):
+    """The direction in which the tip's axis points (base frame); its length does not matter."""
+
+    axis: tuple[float, ...]
+
+    name: ClassVar[str] = "direction"
+
+    def __post_init__(self) -> None:
+        axis = _finite("Direction.axis", self.axis, "").ravel()
+        size = float(np.linalg.norm(axis))
+        if len(axis) != 3 or size == 0:
+            raise InputError(
+                f"Direction.axis = {axis.tolist()}: must be three numbers, not all of them zero"
+            )
+        object.__setattr__(self, "axis", tuple((axis / size).tolist()))
+
+    @property
+    def values(self) -> np.ndarray:
+        return np.array(self.axis)
+
+    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return ca.SX(0, 1), rotation[:, 2] - values
+
+    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pointing = rotations[:, self.index(tips.shape[1]), :, 2]
+        return np.zeros(len(tips)), _angle(np.linalg.norm(pointing - self.values, axis=1))
+
+    def moves(self) -> tuple[list[str], np.ndarray]:
+        return [f"turn_{axis}" for axis in AXES], _turned(self.values)
+
+
+@dataclass(frozen=True)
+class Pose(Target):
+    """The tip's place (m) and its whole orientation, a rotation matrix (3×3), base frame."""
+
+    place: tuple[float, ...]
+    rotation: tuple[tuple[float, ...], ...]
+
+    name: ClassVar[str] = "pose"
+
+    def __post_init__(self) -> None:
+        place = Position(tuple(self.place)).place
+        if None in place:
+            raise InputError(f"Pose.place = {list(place)}: all three coordinates are needed")
+        R = _finite("Pose.rotation", self.rotation, "")
+        if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > ORTHONORMAL:
+            raise InputError(
+                f"Pose.rotation = {R.tolist()}: must be a 3×3 matrix with orthonormal columns"
+            )
+        if np.linalg.det(R) < 0:
+            raise InputError("Pose.rotation has the determinant -1, a mirror image: turn one axis")
+        U, _, V = np.linalg.svd(R)  # the nearest rotation
+        object.__setattr__(self, "place", place)
+        object.__setattr__(self, "rotation", tuple(map(tuple, (U @ V).tolist())))
+
+    @property
+    def values(self) -> np.ndarray:
+        return np.concatenate([self.place, np.ravel(self.rotation, order="F")])
+
+    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
+        return tip - values[:3], (ca.vec(rotation) - values[3:]) / np.sqrt(2)
+
+    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        i = self.index(tips.shape[1])
+        off = rotations[:, i] - np.array(self.rotation)
+        chords = np.linalg.norm(off, axis=(1, 2)) / np.sqrt(2)
+        return np.linalg.norm(tips[:, i] - self.place, axis=1), _angle(chords)
+
+    def moves(self) -> tuple[list[str], np.ndarray]:
+        turns = np.vstack([_turned(column) for column in np.transpose(self.rotation)])
+        matrix = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((9, 3)), turns]])
+        return [*AXES, *(f"turn_{axis}" for axis in AXES)], matrix
+
+
+def as_targets(targets: Target | Iterable[Target], sections: int) -> tuple[Target, ...]:
+    """One target or several as a tuple. Raises `InputError` for anything else."""
+    given = (targets,) if isinstance(targets, Target) else tuple(targets)
+    for target in given:
+        if not isinstance(target, Target):
+            raise InputError(
+                f"target {target!r}: must be a Position, a Direction or a Pose, "
+                "for instance Position((0.1, 0, 0.5))"
+            )
+        target.check(sections)
+    if not given:
+        raise InputError("no target is given: give a Position, a Direction or a Pose")
+    return given
+
+
+def lengths(
+    targets: Sequence[Target], tips: np.ndarray, rotations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest distance (m) and angle (rad) from the targets, of each of N postures."""
+    pairs = [target.errors(tips, rotations) for target in targets]
+    distances, angles = (np.max(part, axis=0) for part in zip(*pairs, strict=True))
+    return distances, angles
+
+
+def _finite(name: str, values: ArrayLike, unit: str) -> np.ndarray:
+    try:
+        numbers = np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {values!r}: must be numbers") from None
+    if not np.all(np.isfinite(numbers)):
+        raise InputError(f"{name} = {numbers.tolist()} {unit}".rstrip() + ": must be finite")
+    return numbers
+
+
+def _angle(chords: np.ndarray) -> np.ndarray:
+    """Angle between unit vectors whose ends are that far apart; exact for small ones too."""
+    return np.asarray(2 * np.arcsin(np.minimum(chords / 2, 1.0)))
+
+
+def _turned(v: np.ndarray) -> np.ndarray:
+    """∂(turned v)/∂(turn about x, y, z): a small turn w makes it v + w × v."""
+    x, y, z = v
+    return np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
