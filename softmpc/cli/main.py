@@ -34,6 +34,7 @@ COMMANDS = {
     "track": "Move the tip along a path by nonlinear MPC.",
     "compare": "Compare the section tips of two simulations.",
     "ablate": "Show what each part of a scene changes and costs.",
+    "reproduce": "Put the paper's numbers and figures beside the model's.",
     "cache": "Show or clear the compiled functions that are kept.",
 }
 UNEXPECTED = 1

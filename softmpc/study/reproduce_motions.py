@@ -214,4 +214,3 @@ def _complete(row: Row, readings: tuple[str, ...]) -> Row:
     """The row with nan for readings that failed, in the order of the readings."""
     lost = (float("nan"),) * len(row.parts)
     return replace(row, values={name: row.values.get(name, lost) for name in readings})
-

@@ -1,0 +1,56 @@
+"""The arm in the plane xz, in which all of the paper's motions and postures are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.view.arm import Arm, even_ticks
+from softmpc.view.style import GREY, INK, colour, label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["COARSE", "draw_band", "draw_shape", "frame_plane", "key"]
+
+COARSE: dict[str, Any] = {"linestyle": (0, (5, 1.5)), "linewidth": 1.2}  # the paper's formulation
+
+
+def frame_plane(axes: Axes, arm: Arm, box: np.ndarray, title: str = "") -> None:
+    """Equal scales around `box` (2×3), z down for a hanging arm, and the base."""
+    radius = max(arm.radii)
+    axes.plot([-1.6 * radius, 1.6 * radius], [0, 0], color=GREY, linewidth=3)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(*box[:, 0])
+    axes.set_ylim(*(box[::-1, 2] if arm.hangs else box[:, 2]))
+    even_ticks(axes.xaxis, box[:, 0], box)
+    even_ticks(axes.yaxis, box[:, 2], box)
+    label(axes, "x (m)", "z (m)", title)
+
+
+def draw_shape(axes: Axes, lines: list[np.ndarray], **look: Any) -> None:
+    """The centre line, a colour a section."""
+    for s, line in enumerate(lines):
+        axes.plot(line[:, 0], line[:, 2], **{"color": colour(s), "linewidth": 1.5, **look})
+
+
+def draw_band(axes: Axes, lines: list[np.ndarray], radii: list[float], alpha: float = 1.0) -> None:
+    """The arm as wide as it is, a colour a section, with its end discs."""
+    for s, (line, radius) in enumerate(zip(lines, radii, strict=True)):
+        middle = line[:, [0, 2]]
+        along = np.gradient(middle, axis=0)
+        across = along[:, ::-1] * [1, -1] / np.linalg.norm(along, axis=1)[:, None]
+        left, right = middle + radius * across, middle - radius * across
+        outline = np.vstack([left, right[::-1]])
+        axes.fill(*outline.T, color=colour(s), alpha=alpha, linewidth=0)
+        for end in (0, -1):
+            disc = np.stack([left[end], right[end]])
+            axes.plot(*disc.T, color=INK, linewidth=0.8)
+
+
+def key(*entries: tuple[str, dict[str, Any]]) -> tuple[list[Any], list[str]]:
+    """Handles and names of a legend."""
+    from matplotlib.lines import Line2D
+
+    return [Line2D([], [], **look) for _, look in entries], [name for name, _ in entries]
