@@ -26,7 +26,17 @@ from softmpc.study.paper_readings import (
 )
 from softmpc.study.reproduce_records import Printed, Row, Topic
 
-__all__ = ["MOVING", "curvature", "errors", "fig6", "fig7", "fig8", "fig13", "fig14"]
+__all__ = [
+    "MOVING",
+    "curvature",
+    "curvature_overshoot",
+    "errors",
+    "fig6",
+    "fig7",
+    "fig8",
+    "fig13",
+    "fig14",
+]
 
 MOVING = (AS_PRINTED, AS_READ, OURS, FINE)
 PICTURE = Printed(None, text="picture")
@@ -140,7 +150,7 @@ def fig8(runs: PaperRuns) -> Topic:
     pairs = {name: (runs.motion("fig6", name), runs.motion("fig8", name)) for name in MOVING}
     measures: tuple[tuple[str, str, Any, int], ...] = (
         ("overshoot of the tip", "%", lambda m: 100 * overshoot(m), 1),
-        ("overshoot of κy of section 1", "%", _curvature_overshoot, 1),
+        ("overshoot of κy of section 1", "%", curvature_overshoot, 1),
         ("top speed of the tip", "m/s", lambda m: float(m.tip_speeds[:, -1].max()), 2),
     )
     rows = [topic.rows[0], *topic.rows[3:]]  # overshoot and speed come with those of Fig. 6
@@ -200,7 +210,7 @@ def curvature(motion: Simulation, section: int) -> np.ndarray:
     return np.asarray(np.mean([motion[name] for name in names], axis=0))
 
 
-def _curvature_overshoot(motion: Simulation) -> float:
+def curvature_overshoot(motion: Simulation) -> float:
     """How far κy of section 1 goes beyond its end since the last move began, % of its change."""
     if motion.profile is None:
         return float("nan")

@@ -11,7 +11,7 @@ from softmpc.study.paper_motions import MOTIONS
 from softmpc.study.paper_readings import AS_READ, FINE, OURS
 from softmpc.study.reproduce_motions import curvature
 from softmpc.view.arm import Arm, box_of
-from softmpc.view.paper_planes import COARSE, draw_band, draw_shape, frame_plane, key
+from softmpc.view.paper_planes import COARSE, base_plate, draw_band, draw_shape, frame_plane, key
 from softmpc.view.style import INK, colour, figure, label, styled
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _look(section: int, reading: str) -> dict[str, Any]:
 
 def _keys(motions: dict[str, Simulation]) -> tuple[list[Any], list[str]]:
     """Colour for the section, dashes for the formulation."""
-    names = {OURS: "our model", AS_READ: "the paper's formulation"}
+    names = {OURS: "our model", AS_READ: "the paper's formulation, as read"}
     return key(
         *((f"section {s}", {"color": colour(s - 1), "linewidth": 4.0}) for s in SECTIONS),
         *(
@@ -102,7 +102,7 @@ def _draw_trajectory(axes: Axes, runs: PaperRuns, motions: dict[str, Simulation]
         shapes[reading] = [arm.sections(motion.q[k]) for k in moments]
     arm = Arm(runs.model(OURS))
     lines = [line for of in shapes.values() for shape in of for line in shape]
-    box = box_of(*lines, *tips, margin=1.2 * max(arm.radii))
+    box = box_of(base_plate(arm), *lines, *tips, margin=1.2 * max(arm.radii))
     for shape in shapes.get(OURS, [])[:-1]:
         draw_shape(axes, shape, alpha=0.4)
     for shape in shapes.get(OURS, [])[-1:]:

@@ -12,15 +12,15 @@ from softmpc.view.style import GREY, INK, colour, label
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["COARSE", "draw_band", "draw_shape", "frame_plane", "key"]
+__all__ = ["COARSE", "base_plate", "draw_band", "draw_shape", "frame_plane", "key"]
 
 COARSE: dict[str, Any] = {"linestyle": (0, (5, 1.5)), "linewidth": 1.2}  # the paper's formulation
+FINE_POINTS = 60  # of a section's centre line
 
 
 def frame_plane(axes: Axes, arm: Arm, box: np.ndarray, title: str = "") -> None:
     """Equal scales around `box` (2×3), z down for a hanging arm, and the base."""
-    radius = max(arm.radii)
-    axes.plot([-1.6 * radius, 1.6 * radius], [0, 0], color=GREY, linewidth=3)
+    axes.plot(*base_plate(arm)[:, [0, 2]].T, color=GREY, linewidth=3, zorder=2.4)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(*box[:, 0])
     axes.set_ylim(*(box[::-1, 2] if arm.hangs else box[:, 2]))
@@ -31,22 +31,36 @@ def frame_plane(axes: Axes, arm: Arm, box: np.ndarray, title: str = "") -> None:
 
 def draw_shape(axes: Axes, lines: list[np.ndarray], **look: Any) -> None:
     """The centre line, a colour a section."""
-    for s, line in enumerate(lines):
+    for s, line in enumerate(map(_smooth, lines)):
         axes.plot(line[:, 0], line[:, 2], **{"color": colour(s), "linewidth": 1.5, **look})
 
 
 def draw_band(axes: Axes, lines: list[np.ndarray], radii: list[float], alpha: float = 1.0) -> None:
     """The arm as wide as it is, a colour a section, with its end discs."""
-    for s, (line, radius) in enumerate(zip(lines, radii, strict=True)):
+    for s, (line, radius) in enumerate(zip(map(_smooth, lines), radii, strict=True)):
         middle = line[:, [0, 2]]
         along = np.gradient(middle, axis=0)
         across = along[:, ::-1] * [1, -1] / np.linalg.norm(along, axis=1)[:, None]
         left, right = middle + radius * across, middle - radius * across
         outline = np.vstack([left, right[::-1]])
-        axes.fill(*outline.T, color=colour(s), alpha=alpha, linewidth=0)
+        axes.fill(*outline.T, color=colour(s), alpha=alpha, linewidth=0, zorder=2.2)
         for end in (0, -1):
             disc = np.stack([left[end], right[end]])
-            axes.plot(*disc.T, color=INK, linewidth=0.8)
+            axes.plot(*disc.T, color=INK, linewidth=0.8, zorder=2.3)
+
+
+def _smooth(line: np.ndarray) -> np.ndarray:
+    """More points on a centre line, so that its chords do not show."""
+    from scipy.interpolate import CubicSpline
+
+    given = np.linspace(0, 1, len(line))
+    return np.asarray(CubicSpline(given, line)(np.linspace(0, 1, FINE_POINTS)))
+
+
+def base_plate(arm: Arm) -> np.ndarray:
+    """Ends of the base (2×3, m), for `box_of`."""
+    half = 1.6 * max(arm.radii)
+    return np.array([[-half, 0, 0], [half, 0, 0]])
 
 
 def key(*entries: tuple[str, dict[str, Any]]) -> tuple[list[Any], list[str]]:

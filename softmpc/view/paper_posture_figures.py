@@ -9,7 +9,7 @@ import numpy as np
 from softmpc.study.paper_readings import AS_READ, OURS
 from softmpc.study.reproduce_statics import REST_TORQUES
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
-from softmpc.view.paper_planes import COARSE, draw_band, draw_shape, frame_plane, key
+from softmpc.view.paper_planes import COARSE, base_plate, draw_band, draw_shape, frame_plane, key
 from softmpc.view.style import INK, colour, figure, styled
 
 if TYPE_CHECKING:
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 __all__ = ["final_pose_figure", "rest_postures_figure", "rest_shapes_figure"]
 
 UNITS = (4, 1)  # rows of Fig. 10, panels of Fig. 11
-NAMES = {OURS: "our model", AS_READ: "the paper's formulation"}
+NAMES = {OURS: "our model", AS_READ: "the paper's formulation, as read"}
 Lines = list[np.ndarray]
 
 
 @styled
 def rest_postures_figure(runs: PaperRuns, title: str) -> Figure:
     """One picture a torque, as the photographs of Fig. 10."""
-    made = figure(10.5, 6.6, title)
+    made = figure(10.5, 6.0, title)
     arm, shapes = Arm(runs.model(OURS)), _rests(runs, OURS)
     boxes = [
         box_of(*[line for torque in REST_TORQUES for line in shapes[unit, torque]],
@@ -48,21 +48,21 @@ def rest_postures_figure(runs: PaperRuns, title: str) -> Figure:
 @styled
 def rest_shapes_figure(runs: PaperRuns, title: str) -> Figure:
     """All torques in one picture a unit, as Fig. 11, with the paper's formulation."""
-    made = figure(10.5, 5.0, title)
+    made = figure(9.0, 5.0, title)
     arm = Arm(runs.model(OURS))
     shapes = {reading: _rests(runs, reading) for reading in (OURS, AS_READ)}
-    panels = made.subplots(1, len(UNITS))
+    panels = made.subplots(1, len(UNITS), width_ratios=(0.7, 1.0))
     for axes, unit, part in zip(panels, UNITS, "ab", strict=True):
         here = {r: [of[unit, torque] for torque in REST_TORQUES] for r, of in shapes.items()}
         lines = [line for of in here.values() for shape in of for line in shape]
-        box = box_of(*lines, margin=1.6 * max(arm.radii))
+        box = box_of(base_plate(arm), *lines, margin=1.2 * max(arm.radii))
         for shape, torque in zip(here[OURS], REST_TORQUES, strict=True):
             draw_shape(axes, shape, linewidth=2.2)
             _name_tip(axes, shape, f"{torque:g}")
         for shape in here[AS_READ]:
             draw_shape(axes, shape, **COARSE)
         section = 2 if unit == 4 else 1
-        text = f"({part}) torque on unit {unit}, of section {section}, in N·m"
+        text = f"({part}) torque (N·m) on unit {unit}, in section {section}"
         frame_plane(axes, arm, box, text)
     made.legend(*_sections(arm, NAMES), loc="outside lower center", ncols=4)
     return made
@@ -71,15 +71,17 @@ def rest_shapes_figure(runs: PaperRuns, title: str) -> Figure:
 @styled
 def final_pose_figure(runs: PaperRuns, title: str) -> Figure:
     """Where the steps on 4, then 1 end, as Fig. 12, in space and beside the paper's formulation."""
-    made = figure(10.5, 4.8, title)
+    made = figure(8.0, 5.0, title)
     motions = runs.motions("fig13", (OURS, AS_READ))
     arms = {reading: Arm(runs.model(reading)) for reading in motions}
     shapes = {r: arms[r].sections(motion.q[-1]) for r, motion in motions.items()}
     arm = Arm(runs.model(OURS))
-    box = box_of(*[line for of in shapes.values() for line in of], margin=1.6 * max(arm.radii))
-    room = space(made, 121, box, arm.hangs, (14, -62), 1.05)
+    lines = [line for of in shapes.values() for line in of]
+    box = box_of(base_plate(arm), *lines, margin=1.2 * max(arm.radii))
+    grid = made.add_gridspec(1, 3, width_ratios=(1.2, 0.1, 1.0))
+    room = space(made, grid[0], box, arm.hangs, (14, -62), 1.0)
     draw_base(room, 1.8 * max(arm.radii))
-    plane = made.add_subplot(122)
+    plane = made.add_subplot(grid[2])
     if OURS in shapes:
         draw_tube(room, shapes[OURS], arm.radii)
         draw_band(plane, shapes[OURS], arm.radii, alpha=0.35)
