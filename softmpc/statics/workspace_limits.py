@@ -1,0 +1,98 @@
+"""The largest and smallest of what an arm at rest has: extents of its tip, bends, lengths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from softmpc.model.model import Model
+from softmpc.statics.program import Extra
+from softmpc.statics.workspace_rays import Place, RaySearch, Search, Start
+
+__all__ = ["EXTENTS", "QUANTITIES", "Extreme", "ExtremeSearch", "section_shape"]
+
+EPSILON, KAPPA_X, KAPPA_Y = range(3)  # of STRAINS
+EXTENTS = ("x", "y", "z")
+QUANTITIES = ("bending_angle", "arc_length", "radius")
+STRAIGHT = 1e-9  # of a bend of one over the length: the slope at a straight arm is that of zero
+LEAST_BEND = 1e-6  # rad; an arm that bends less is straight, its radius infinite
+
+
+@dataclass(frozen=True, eq=False)
+class Extreme:
+    """The smallest or largest value of one quantity, SI and rad; `place` is None if not found."""
+
+    quantity: str  # x, y, z of the tip; bending_angle, arc_length, radius of a section
+    section: int
+    sense: str  # "smallest" or "largest"
+    value: float
+    place: Place | None
+
+
+def section_shape(model: Model, q: Any, section: int) -> tuple[Any, Any]:
+    """Arc length (m) and bending angle (rad) of a section at strains `q`, numbers or symbols.
+
+    The angle adds up over the segments: θ of Eq. (2) where there is one.
+    """
+    length, angle = ca.DM(0), ca.DM(0)
+    for segment in (s for s in model.chain.segments if s.section_index == section - 1):
+        own = {kind: q[place] for kind, place in segment.states.items()}
+        way = segment.rest * (1 + own.get(EPSILON, 0))
+        bend = sum(own[kind] ** 2 for kind in (KAPPA_X, KAPPA_Y) if kind in own)
+        length = length + way
+        angle = angle + way * ca.sqrt(bend + (STRAIGHT / segment.rest) ** 2)
+    return length, angle
+
+
+class ExtremeSearch:
+    """Searches for extremes of one model; `rays` gives the program and how to confirm."""
+
+    def __init__(self, rays: RaySearch) -> None:
+        self.rays = rays
+        self._searches: dict[tuple[str, int], Search] = {}
+
+    def find(
+        self, quantity: str, section: int, sign: int, starts: list[Start]
+    ) -> tuple[Place | None, float]:
+        """The place of largest value (`sign` -1: smallest), and that value."""
+        key = (quantity, section)
+        if key not in self._searches:
+            self._searches[key] = self._search(*key)
+        best = sorted(starts, key=lambda s: -sign * self._score(quantity, section, s))
+        spread = best[:3] + best[3:30:9]
+        place = self.rays.best(self._searches[key], np.array([float(sign)]), spread)
+        return place, float("nan") if place is None else self.value(quantity, section, place)
+
+    def value(self, quantity: str, section: int, at: Place | Start) -> float:
+        """The quantity at a posture."""
+        if quantity in EXTENTS:
+            return float(at.tip[EXTENTS.index(quantity)])
+        length, angle = (float(v) for v in section_shape(self.rays.model, ca.DM(at.q), section))
+        if quantity == "arc_length":
+            return length
+        angle = 0.0 if angle < LEAST_BEND else angle
+        if quantity == "bending_angle":
+            return angle
+        return length / angle if angle else float("inf")
+
+    def _score(self, quantity: str, section: int, start: Start) -> float:
+        """The value, finite."""
+        value = self.value(quantity, section, start)
+        return value if np.isfinite(value) else 1e9
+
+    def _search(self, quantity: str, section: int) -> Search:
+        """Parameters: the sign, then the most."""
+        rays, sign = self.rays, ca.SX.sym("sign")
+        length, angle = section_shape(rays.model, rays.program.q, section)
+        rest = rays.model.scene.manipulator.sections[section - 1].length
+        value = {
+            "bending_angle": angle,
+            "arc_length": length / rest,
+            "radius": -angle * rest / length,  # the least of one over it is the largest radius
+            **dict(zip(EXTENTS, ca.vertsplit(rays.place), strict=True)),
+        }[quantity]
+        solver = rays.solver(sign * value, Extra(), ca.SX(0, 1), sign)
+        return Search(solver, lambda found: -found.objective)
