@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
 import sys
@@ -26,7 +27,7 @@ FORMAT = 1
 def what_is_asked(work: Any, cases: Sequence[Any], chunk: int) -> dict[str, Any]:
     """What must be the same for results to be the same; raises `InputError` for what has no text.
 
-    The version of softmpc is part of it. That of a user's work is, where it is one of its fields.
+    The version of softmpc and the source of the work are part of it, what the work calls is not.
     """
     called = work.func if isinstance(work, partial) else work
     named = called if hasattr(called, "__qualname__") else type(called)
@@ -35,11 +36,19 @@ def what_is_asked(work: Any, cases: Sequence[Any], chunk: int) -> dict[str, Any]
             "softmpc_sweep": FORMAT,
             "softmpc": sys.modules[__package__].__version__,
             "work": f"{named.__module__}.{named.__qualname__}",
+            "source of work": _hash(_source(named)),
             "settings": _hash(work),
             "number of cases": len(cases),
             "cases": _hash(cases),
             "chunk": chunk,
         }
+
+
+def _source(named: Any) -> str | None:
+    try:
+        return inspect.getsource(named)
+    except (OSError, TypeError):  # typed into a session, or written in C
+        return None
 
 
 def _hash(value: Any) -> str:

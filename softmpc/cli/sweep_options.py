@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["executor_for", "sweep_options"]
 
-PATIENCE_S = 5.0
+PATIENCE_S = 3.0
 
 
 def sweep_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -48,26 +48,32 @@ def executor_for(workers: int | None, dask: str | None) -> Iterator[Executor | i
 
 def _client(address: str) -> Any:
     """A Dask client that has workers."""
+    import asyncio
+
     try:
         from distributed import Client
     except ImportError:
         raise InputError("--dask needs Dask: pip install 'softmpc[dask]'") from None
     where = f"--dask {address}"
     try:
-        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError) as error:
+        found = asyncio.run(asyncio.wait_for(_identity(address), PATIENCE_S))
+    except (OSError, ValueError, NotImplementedError, TimeoutError) as error:
+        reason = str(error).splitlines()[0] if str(error) else f"waited {PATIENCE_S:g} s"
         raise InputError(
-            f"{where}: no scheduler answers ({error}); `dask scheduler` starts one and prints "
+            f"{where}: no scheduler answers ({reason}); `dask scheduler` starts one and prints "
             "its address"
         ) from None
-    try:
-        client.wait_for_workers(1, timeout=PATIENCE_S)
-    except OSError:  # a TimeoutError
-        client.close()
+    if not found.get("workers"):
         raise InputError(
             f"{where}: the scheduler has no workers; `dask worker {address}` starts one"
-        ) from None
-    except BaseException:
-        client.close()
-        raise
-    return client
+        )
+    return Client(address, timeout=PATIENCE_S, set_as_default=False)
+
+
+async def _identity(address: str) -> dict[str, Any]:
+    """What a scheduler says about itself; a `Client` would wait for it without end."""
+    from distributed import Security, rpc
+
+    arguments = Security().get_connection_args("client")
+    async with rpc(address, connection_args=arguments) as scheduler:
+        return dict(await scheduler.identity())
