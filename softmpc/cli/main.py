@@ -35,6 +35,7 @@ COMMANDS = {
     "compare": "Compare the section tips of two simulations.",
     "ablate": "Show what each part of a scene changes and costs.",
     "reproduce": "Put the paper's numbers and figures beside the model's.",
+    "calibrate": "Fit parameters of a scene to measurements.",
     "cache": "Show or clear the compiled functions that are kept.",
 }
 UNEXPECTED = 1

@@ -35,6 +35,7 @@ __all__ = [
     "check_document",
     "load_scene",
     "read_document",
+    "read_toml",
     "save_scene",
     "scene_from_dict",
     "scene_to_dict",
@@ -76,10 +77,18 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
 
 def read_document(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Return a whole scene file as parsed, its top level checked."""
+    document = read_toml(path)
+    with errors_in(path):
+        check_document(document)
+    return document
+
+
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return any TOML file as parsed; raises `SceneError` with its line where it is none."""
     path = Path(path)
     try:
         text = path.read_bytes().decode("utf-8-sig")
-        document = tomllib.loads(text)
+        return tomllib.loads(text)
     except FileNotFoundError:
         raise SceneError(f"{path}: no such file; {_files_beside(path)}") from None
     except OSError as error:
@@ -90,9 +99,6 @@ def read_document(path: str | os.PathLike[str]) -> dict[str, Any]:
         end = f"at the end of the file, line {len(text.splitlines())}"
         reason = str(error).replace("at end of document", end)
         raise SceneError(f"{path}: is not valid TOML: {reason}") from None
-    with errors_in(path):
-        check_document(document)
-    return document
 
 
 def write_document(document: Mapping[str, Any], path: str | os.PathLike[str]) -> None:

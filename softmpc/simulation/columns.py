@@ -12,7 +12,7 @@ import numpy as np
 from softmpc.errors import InputError
 from softmpc.files import replacing
 
-__all__ = ["name_of", "read_columns", "read_titled", "write_columns"]
+__all__ = ["name_of", "read_columns", "read_rows", "read_titled", "write_columns"]
 
 Path_ = str | os.PathLike[str]
 
@@ -33,7 +33,7 @@ def read_columns(path: Path_, blanks: bool = False) -> dict[str, np.ndarray]:
 
 def read_titled(path: Path_, blanks: bool = False) -> dict[str, np.ndarray]:
     """As `read_columns`, by title with unit."""
-    header, rows = _read_rows(Path(path))
+    header, rows = read_rows(Path(path))
     names = [name_of(cell) for cell in header]
     for name in names:
         if names.count(name) > 1:
@@ -53,7 +53,7 @@ def write_columns(path: Path_, columns: Mapping[str, np.ndarray]) -> None:
         writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
 
-def _read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """The header, and each row with the number of its line."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -70,9 +70,7 @@ def _read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return rows[0][1], rows[1:]
 
 
-def _numbers(
-    path: Path_, names: list[str], line: int, row: list[str], blanks: bool
-) -> list[float]:
+def _numbers(path: Path_, names: list[str], line: int, row: list[str], blanks: bool) -> list[float]:
     if len(row) != len(names):
         raise InputError(f"{path}, line {line}: {len(row)} values, the header has {len(names)}")
     numbers = []

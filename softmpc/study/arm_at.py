@@ -16,7 +16,7 @@ from softmpc.errors import SoftmpcError
 from softmpc.model.model import Model, build
 from softmpc.model.scene import Scene
 from softmpc.simulation.inputs import InputProfile
-from softmpc.simulation.integrator import IntegrationError
+from softmpc.simulation.integrator import IntegrationError, Integrator
 from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.run import start_state, states_at
 from softmpc.statics.equilibrium import find_equilibrium
@@ -50,6 +50,8 @@ class ArmAt:
         self._inverses: dict[Any, np.ndarray] = {}
         self._followed: set[Any] = set()  # rests that were found from the near arm's
         self._motions: dict[Any, Motion] = {}
+        self._integrators: dict[Model, Integrator] = {}
+        self._twins: dict[Without, Model] = {}
 
     def model(self, without: Without = ()) -> Model:
         """The model, some effects (by name) left out."""
@@ -86,8 +88,10 @@ class ArmAt:
         """Newton iterations with the stiffness of the other arm, from its posture."""
         q, inverse = near.rest(pressures, without), near.inverse(pressures, without)
         rows, before = model.layout.r.scale, np.inf
+        moving = "residual" in model.__dict__  # it is there already, and the same at rest
         for _ in range(ROUNDS):
-            r = np.asarray(model.balance(q, pressures)).ravel()
+            balance = model.residual(q, 0, 0, pressures) if moving else model.balance(q, pressures)
+            r = np.asarray(balance).ravel()
             size = np.abs(r / rows).max()
             if size < SMALL or (size < GOOD and size > before / 2):
                 return q
@@ -137,10 +141,14 @@ class ArmAt:
 
     def _borrowing(self, model: Model, without: Without) -> Model:
         """The same model with functions of the near arm's for the Newton iterations alone."""
+        if without in self._twins:
+            return self._twins[without]
+        _ = model.residual  # wanted anyway, and its rest then needs no function of its own
         twin = Model(model.scene, model.chain, model.drive)
         twin.__dict__.update({k: v for k, v in model.__dict__.items() if k not in BORROWED})
         lender = self.near.lender(without) if self.near else model
         twin.__dict__.update({name: getattr(lender, name) for name in BORROWED})
+        self._twins[without] = twin
         return twin
 
     def lender(self, without: Without) -> Model:
@@ -156,7 +164,9 @@ class ArmAt:
         without: Without,
     ) -> Motion:
         x = self._start(model, profile, start, without)
-        integrator = integrator_for(model, tip_tolerance=TIP_TOLERANCE)
+        if model not in self._integrators:
+            self._integrators[model] = integrator_for(model, tip_tolerance=TIP_TOLERANCE)
+        integrator = self._integrators[model]
         status, reached, states = states_at(integrator, profile, x, times)
         if status == "interrupted":
             raise KeyboardInterrupt

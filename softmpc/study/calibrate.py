@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -87,10 +87,10 @@ class CalibrationProblem:
         return minimise(residuals, jacobian, start, self.space.bounds)
 
     def jacobian(self, data: Data, x: np.ndarray) -> np.ndarray:
-        """Residuals by x (N×P); no entries where a limit is kept."""
-        slopes = self.predictions.slopes(x) / data.sigmas[:, None]
-        idle = data.limits & ~data.active(self.predictions.at(x))
-        return np.where(idle[:, None], 0.0, slopes)
+        """Residuals by x (N×P); zero where a limit is kept, and what is not fitted."""
+        active = data.active(self.predictions.at(x))
+        slopes = self.predictions.slopes(x, data.weighing(active))
+        return np.where(active[:, None], slopes / data.sigmas[:, None], 0.0)
 
     def settled(self, data: Data, start: np.ndarray) -> tuple[Fit, float]:
         """The fit and the factor of the sigmas: fitted again while priors make that matter."""

@@ -29,9 +29,14 @@ SHOWN = 0.1  # the largest relative change in the words for a direction
 UNKNOWN = float("nan")
 
 
-def report(problem: CalibrationProblem, fit: Fit, factor: float) -> Calibration:
-    """The result of a fit; without derivatives where they cannot be computed there."""
-    data, space = problem.data, problem.space
+def report(
+    problem: CalibrationProblem, fit: Fit, factor: float, data: Data | None = None
+) -> Calibration:
+    """The result of a fit to the problem's data, or others.
+
+    Where derivatives cannot be computed there are no standard errors.
+    """
+    data, space = data or problem.data, problem.space
     shown = problem.predictions.at(fit.x)
     r, active = data.residuals(shown), data.active(shown)
     try:
@@ -113,7 +118,9 @@ def estimates(
 
 
 def _residuals(data: Data, shown: np.ndarray, r: np.ndarray) -> tuple[Residual, ...]:
-    rows = zip(data.names, data.values, shown, data.sigmas, r, data.senses, data.counts, strict=True)
+    rows = zip(
+        data.names, data.values, shown, data.sigmas, r, data.senses, data.counts, strict=True
+    )
     return tuple(
         Residual(name, float(m), float(s), float(d), float(e), sense, bool(fitted))
         for name, m, s, d, e, sense, fitted in rows

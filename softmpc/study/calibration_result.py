@@ -36,6 +36,21 @@ class Estimate:
     high: float
     log: bool
 
+    @property
+    def source(self) -> str:
+        """What the estimate comes from."""
+        if self.determined:
+            return "data"
+        if self.bound:
+            return "bound"
+        if not np.isfinite(self.std_error):
+            return "nothing: its start"
+        if self.prior is None:
+            return "data and priors"
+        size = self.estimate / self.prior[0] if self.log else 1.0
+        own = self.std_error / (self.prior[1] * size)
+        return "prior" if own > 0.95 else "data and priors"
+
 
 @dataclass(frozen=True)
 class Residual:
@@ -110,11 +125,11 @@ class Calibration:
 
     def summary(self) -> dict[str, Any]:
         """What a program wants to know, ready for JSON."""
-        keys = ("status", "title", "chi2", "freedom", "probability", "sigma_factor")
-        keys += ("sigma_estimated", "correlation", "undetermined", "starts", "agreeing")
-        summary: dict[str, Any] = {key: getattr(self, key) for key in (*keys, "arms", "wall_s")}
+        keys = ["status", "title", "chi2", "freedom", "probability", "sigma_factor"]
+        keys += ["sigma_estimated", "correlation", "undetermined", "starts", "agreeing"]
+        summary: dict[str, Any] = {key: getattr(self, key) for key in [*keys, "arms", "wall_s"]}
         summary["verdict"] = self.verdict
-        summary["parameters"] = [asdict(e) for e in self.estimates]
+        summary["parameters"] = [asdict(e) | {"source": e.source} for e in self.estimates]
         summary["residuals"] = [asdict(r) for r in self.residuals]
         return summary
 

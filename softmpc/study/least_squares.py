@@ -43,7 +43,7 @@ def minimise(
     jacobian: Residuals,
     start: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
-    tolerance: float = 1e-4,
+    tolerance: float = 1e-3,
     most_iterations: int = 60,
 ) -> Fit:
     """The x within bounds (P each) with the least ½ Σ residuals(x)², from `start`.
@@ -69,9 +69,24 @@ def minimise(
         status = f"no convergence: {stats['return_status']}"
         return Fit(status, search.best[1], search.best[0], count)
     x = np.clip(size * np.asarray(solved["x"]).ravel(), *bounds)
-    near = AT_BOUND * _errors(jacobian(x))
-    x = np.where(x - bounds[0] < near, bounds[0], np.where(bounds[1] - x < near, bounds[1], x))
+    x = _at_bounds(residuals, jacobian, x, bounds)
     return Fit("converged", x, search.cost(x), count)
+
+
+def _at_bounds(
+    residuals: Residuals, jacobian: Residuals, x: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """What is at a bound put there, and the others a last Gauss-Newton step after it."""
+    near = AT_BOUND * _errors(jacobian(x))
+    low, high = x - bounds[0] < near, bounds[1] - x < near
+    put = np.where(low, bounds[0], np.where(high, bounds[1], x))
+    free = ~(low | high)
+    if np.array_equal(put, x) or not free.any():
+        return put
+    step = np.linalg.lstsq(jacobian(put)[:, free], -residuals(put), rcond=None)[0]
+    moved = put.copy()
+    moved[free] = np.clip(put[free] + step, bounds[0][free], bounds[1][free])
+    return moved if np.sum(residuals(moved) ** 2) <= np.sum(residuals(put) ** 2) else put
 
 
 def _errors(J: np.ndarray) -> np.ndarray:
@@ -109,9 +124,14 @@ class _Search:
             "bound_relax_factor": 0.0,  # no step outside where the scene may not go
             "nlp_scaling_method": "none",  # scaled already
         }
-        options = {"grad_f": slope, "hess_lag": curve, "no_nlp_grad": True, "ipopt": ipopt}
-        options |= {"print_time": False, "error_on_fail": False}
-        problem = {"x": x, "f": cost(x, ca.DM(0, 0))}
+        options: dict[str, Any] = {
+            "grad_f": slope,
+            "hess_lag": curve,
+            "no_nlp_grad": True,
+            "ipopt": ipopt,
+        }
+        options |= {"print_time": False, "error_on_fail": False, "ipopt": ipopt}
+        problem: dict[str, Any] = {"x": x, "f": cost(x, ca.DM(0, 0))}
         return ca.nlpsol("calibrate", "ipopt", problem, options)
 
     def cost(self, x: np.ndarray) -> float:
@@ -180,7 +200,7 @@ class _Call(ca.Callback):
         return self.gives[i]
 
     def eval(self, arguments: Any) -> list[Any]:
-        given = [np.asarray(arguments[0]).ravel()]
+        given: list[Any] = [np.asarray(arguments[0]).ravel()]
         given += [float(a) for a in arguments[2:3]]
         if not self.search.over:
             try:

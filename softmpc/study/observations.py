@@ -20,7 +20,15 @@ from softmpc.model.scene import Scene
 from softmpc.simulation.inputs import InputProfile
 from softmpc.study.arm_at import ArmAt
 
-__all__ = ["MotionRecord", "Observation", "StaticPose", "check_without", "numbers_of"]
+__all__ = [
+    "MotionRecord",
+    "Observation",
+    "StaticPose",
+    "check_without",
+    "coordinates_of",
+    "numbers_of",
+    "pressures_at_rest",
+]
 
 MPA = 1e6
 
@@ -83,7 +91,7 @@ class StaticPose:
         _check_values(self)
         check_without(scene, self.without, self.name)
         numbers_of(scene, self.name, self.pressures, self.torques)
-        allowed = _coordinates(scene)
+        allowed = coordinates_of(scene)
         for key in self.tips:
             if key not in allowed:
                 raise InputError(f"{self.name}: {unknown_name('coordinate', key, allowed)}")
@@ -145,7 +153,7 @@ class MotionRecord:
     def check(self, scene: Scene) -> None:
         check_without(scene, self.without, self.name)
         units = scene.manipulator.units
-        allowed = [*_coordinates(scene), *(f"P_{j}" for j in range(1, units + 1))]
+        allowed = [*coordinates_of(scene), *(f"P_{j}" for j in range(1, units + 1))]
         for key in self.columns:
             if key not in allowed:
                 raise InputError(f"{self.name}: {unknown_name('column', key, allowed)}")
@@ -225,7 +233,8 @@ def _sigmas(sigma: float | Mapping[str, float], keys: list[str], name: str) -> n
     return np.array([float(sigma[key]) for key in keys])
 
 
-def _coordinates(scene: Scene) -> list[str]:
+def coordinates_of(scene: Scene) -> list[str]:
+    """Names of the section tips' coordinates."""
     count = len(scene.manipulator.sections)
     return [f"{axis}_{i}" for i in range(1, count + 1) for axis in "xyz"]
 

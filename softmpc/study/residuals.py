@@ -7,7 +7,6 @@ data on the same arm come back to the same places.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -19,9 +18,10 @@ from softmpc.study.observations import Observation
 __all__ = ["Data", "Predictions"]
 
 # Of x, for central differences: measured by `python -m tests.benchmarks.calibrating`.
-STEP = 1e-3
+STEP = 1e-4
 CLOSE = 0.1  # of x, up to which an arm borrows from another
 MOST_KEPT = 4000  # vectors of predictions
+Which = tuple[bool, ...]  # one an observation
 
 
 class Data:
@@ -33,6 +33,8 @@ class Data:
         self.sigmas = np.concatenate([o.sigmas for o in observations])
         self.senses = tuple(sense for o in observations for sense in o.senses)
         self.counts = np.concatenate([np.full(len(o.names), o.counts) for o in observations])
+        self._owners = np.repeat(np.arange(len(observations)), [len(o.names) for o in observations])
+        self._observations = len(observations)
         self._low = np.array([sense == ">" for sense in self.senses])
         self._high = np.array([sense == "<" for sense in self.senses])
 
@@ -47,10 +49,10 @@ class Data:
         kept = self._high & (shown <= self.values) | self._low & (shown >= self.values)
         return np.asarray(self.counts & ~kept)
 
-    @cached_property
-    def limits(self) -> np.ndarray:
-        """Which values are limits (N)."""
-        return np.asarray(self._low | self._high)
+    def weighing(self, active: np.ndarray) -> tuple[bool, ...]:
+        """Which observations have an active value: only their derivatives matter."""
+        there = np.bincount(self._owners[active], minlength=self._observations) > 0
+        return tuple(there.tolist())
 
 
 class Predictions:
@@ -66,7 +68,7 @@ class Predictions:
         self.tell = tell or _nobody
         self.arms = 0  # how many were made
         self._shown: dict[bytes, np.ndarray | SoftmpcError] = {}
-        self._slopes: dict[bytes, np.ndarray | SoftmpcError] = {}
+        self._slopes: dict[tuple[bytes, Which], np.ndarray | SoftmpcError] = {}
         self._last: tuple[np.ndarray, ArmAt] | None = None  # one that made its own functions
         self._here: tuple[bytes, ArmAt] | None = None
 
@@ -79,37 +81,49 @@ class Predictions:
             self._shown[key] = self._computed(x)
         return _or_raise(self._shown[key])
 
-    def slopes(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives by x (N×P), by central differences; one-sided at a bound."""
-        key = x.tobytes()
+    def slopes(self, x: np.ndarray, which: Which) -> np.ndarray:
+        """Derivatives by x (N×P), by central differences, one-sided at a bound.
+
+        Those of some observations alone, by `which`; the others' rows are zero.
+        """
+        key = (x.tobytes(), which)
         if key not in self._slopes:
             if len(self._slopes) > MOST_KEPT:
                 self._slopes.clear()
             try:
-                middle, here = self.at(x), self._arm(x)
-                columns = [self._slope(x, k, middle, here) for k in range(len(x))]
+                self.at(x)
+                here = self._arm(x)
+                middle = self._predicted(here, which)
+                columns = [self._slope(x, k, middle, here, which) for k in range(len(x))]
                 self._slopes[key] = np.stack(columns, axis=1)
             except SoftmpcError as error:
                 self._slopes[key] = error
         return _or_raise(self._slopes[key])
 
-    def _slope(self, x: np.ndarray, k: int, middle: np.ndarray, here: ArmAt) -> np.ndarray:
+    def _slope(
+        self, x: np.ndarray, k: int, middle: np.ndarray, here: ArmAt, which: Which
+    ) -> np.ndarray:
         low, high = (bound[k] for bound in self.space.bounds)
         h = np.zeros(len(x))
         h[k] = min(STEP, (high - low) / 4)
         if low <= x[k] - h[k] and x[k] + h[k] <= high:
-            return (self._beside(x + h, here) - self._beside(x - h, here)) / (2 * h[k])
+            above, below = (self._beside(y, here, which) for y in (x + h, x - h))
+            return np.asarray((above - below) / (2 * h[k]))
         if x[k] + 2 * h[k] > high:
             h = -h
-        one, two = self._beside(x + h, here), self._beside(x + 2 * h, here)
+        one, two = (self._beside(y, here, which) for y in (x + h, x + 2 * h))
         return np.asarray((4 * one - two - 3 * middle) / (2 * h[k]))
 
-    def _beside(self, x: np.ndarray, here: ArmAt) -> np.ndarray:
-        return self._predicted(ArmAt(self.space.scene_at(x), here))
+    def _beside(self, x: np.ndarray, here: ArmAt, which: Which) -> np.ndarray:
+        self.arms += 1
+        self.tell()
+        return self._predicted(ArmAt(self.space.scene_at(x), here), which)
 
     def _computed(self, x: np.ndarray) -> np.ndarray | SoftmpcError:
+        self.arms += 1
+        self.tell()
         try:
-            return self._predicted(self._arm(x))
+            return self._predicted(self._arm(x), (True,) * len(self.observations))
         except (InputError, SoftmpcError) as error:
             return error
 
@@ -124,11 +138,9 @@ class Predictions:
             self._here = (key, arm)
         return self._here[1]
 
-    def _predicted(self, arm: ArmAt) -> np.ndarray:
-        self.arms += 1
-        shown = np.concatenate([o.predict(arm) for o in self.observations])
-        self.tell()
-        return shown
+    def _predicted(self, arm: ArmAt, which: Which) -> np.ndarray:
+        pairs = zip(self.observations, which, strict=True)
+        return np.concatenate([o.predict(arm) if w else np.zeros(len(o.names)) for o, w in pairs])
 
 
 def _or_raise(found: np.ndarray | SoftmpcError) -> np.ndarray:

@@ -65,27 +65,54 @@ def uncertainty(J: np.ndarray, prior: np.ndarray, free: np.ndarray, scale: float
     return Uncertainty(deviations, correlation, used)
 
 
-def undetermined(
-    J: np.ndarray, prior: np.ndarray
-) -> tuple[list[Direction], np.ndarray]:
+def undetermined(J: np.ndarray, prior: np.ndarray) -> tuple[list[Direction], np.ndarray]:
     """Directions that the data alone cannot see, and which parameters they determine (P).
 
     A direction is not seen where the data know it less well than the prior does, or not even to
     within the parameter's own scale where there is none.
     """
     size = np.where(np.isfinite(prior), prior, 1.0)
+    effects = np.linalg.norm(J * size, axis=0)
+    alone = effects < np.maximum(1.0, RESOLVED * effects.max(initial=0.0))
+    directions = [
+        Direction(size * (np.arange(len(size)) == k), float(effects[k]))
+        for k in np.flatnonzero(alone)
+    ]
+    determined = np.zeros(len(size), bool)
+    if not alone.all():
+        others, determined[~alone] = _together(J[:, ~alone], size[~alone])
+        for direction in others:
+            x = np.zeros(len(size))
+            x[~alone] = direction.x
+            directions.append(Direction(x, direction.effect))
+    return directions, determined
+
+
+def _together(J: np.ndarray, size: np.ndarray) -> tuple[list[Direction], np.ndarray]:
+    """The same for parameters each of which the data see when it alone changes."""
     padded = np.vstack([J * size, np.zeros((len(size), len(size)))])
     _, s, v = np.linalg.svd(padded, full_matrices=False)
     s = np.where(s > RESOLVED * max(s.max(), 1e-300), s, 0.0)
     directions = []
-    for value, row in zip(s[s < 1], v[s < 1], strict=True):
-        largest = int(np.argmax(np.abs(row)))
-        unit = np.where(np.abs(row) > SHARE, row, 0.0) / row[largest]
-        directions.append(Direction(unit * size, float(value / abs(row[largest]))))
+    for row in _plain(v[s < 1]):
+        unit = np.where(np.abs(row) > SHARE, row, 0.0)
+        directions.append(Direction(unit * size, float(np.linalg.norm(J @ (row * size)))))
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(np.abs(v) > SHARE, v**2, 0.0) / (s**2)[:, None]
     shares = np.where(np.isnan(shares), 0.0, shares)
     return directions, np.asarray(shares.sum(axis=0) < 1)
+
+
+def _plain(rows: np.ndarray) -> np.ndarray:
+    """The same space from rows with as few entries as elimination gives, the largest being 1."""
+    rows = rows.copy()
+    for i in range(len(rows)):
+        k = int(np.argmax(np.abs(rows[i])))
+        rows[i] /= rows[i, k]
+        for j in range(len(rows)):
+            if j != i:
+                rows[j] -= rows[j, k] * rows[i]
+    return np.array([row / row[np.argmax(np.abs(row))] for row in rows]).reshape(rows.shape)
 
 
 def quantile(freedom: float | None) -> float:
