@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.statics.active_limits import ActiveLimits
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium, refine_equilibrium
@@ -35,7 +36,7 @@ __all__ = ["InverseStatics"]
 
 HIT = 1e-6  # m, nearer counts as there
 SAME = 1e-5  # m, nearer is the same posture
-STARTS = 12  # of the spread, the nearest, before a target counts as out of reach
+STARTS = 32  # postures of the spread, before a target counts as out of reach
 
 Targets = Target | Iterable[Target]
 
@@ -70,7 +71,8 @@ class InverseStatics:
     """Inverse statics of one model by one cost.
 
     `held` gives the pressure (Pa) of units that are stuck, by unit 1, 2, …; `angle_length` (m, the
-    arm's length) is what an error of one radian is worth where place and direction compete.
+    arm's length) is what an error of one radian is worth where place and direction compete;
+    `starts` is from how many postures a target is sought before it counts as out of reach.
     """
 
     def __init__(
@@ -79,11 +81,17 @@ class InverseStatics:
         cost: RestCost | None = None,
         held: Mapping[int, float] | None = None,
         angle_length: float | None = None,
+        starts: int = STARTS,
     ) -> None:
         self.model, self.cost = model, cost or LeastPressure()
         self.program = RestProgram(model, held)
         self.length = model.scene.manipulator.length
         self.angle_length = self.length if angle_length is None else float(angle_length)
+        if not 0 < self.angle_length < np.inf:
+            raise InputError(f"angle_length = {angle_length!r} m: must be a positive number")
+        if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+            raise InputError(f"starts = {starts!r}: must be a whole number from 1")
+        self.starts = starts
         self._programs: dict[tuple[object, ...], InverseProgram] = {}
         self._active = ActiveLimits(model, self.program.limits)
 
@@ -194,9 +202,8 @@ class InverseStatics:
             inside = np.clip(start.pressures, limits.low, limits.high)
             last = _solution_of(start, targets)
             yield last or self.program.guess(start.q, inside, nothing)
-        near = np.argsort(self._miss(targets, self.spread.tips, self.spread.rotations))
-        for k in near[:STARTS]:
-            rest = self.spread.postures[k]
+        misses = self._miss(targets, self.spread.tips, self.spread.rotations)
+        for rest in self.spread.starts(misses, self.starts):
             yield self.program.guess(rest.q, rest.pressures, nothing)
 
     # --- what was found --------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from softmpc.statics.rest_limits import RestLimits
 __all__ = ["POSTURES", "Spread"]
 
 POSTURES = 200
+POOL = 100  # nearest of them, among which starts are chosen
 IDLE = 0.4  # chance of a unit to be at its lowest pressure: the edge is where many are
 
 
@@ -23,6 +24,7 @@ class Spread:
     postures: list[Equilibrium]
     tips: np.ndarray  # (N×S×3) m
     rotations: np.ndarray  # (N×S×3×3)
+    shapes: np.ndarray  # strains, scaled (N×n)
 
     @classmethod
     def of(cls, model: Model, limits: RestLimits, count: int = POSTURES) -> Spread:
@@ -36,4 +38,18 @@ class Spread:
             found,
             np.array([rest.tips for rest in found]),
             np.array([rest.rotations for rest in found]),
+            np.array([rest.q for rest in found]) / model.layout.q.scale,
         )
+
+    def starts(self, misses: np.ndarray, count: int) -> list[Equilibrium]:
+        """Of the postures that miss least (N), the first one, then those most unlike the others.
+
+        Neighbours mostly lead to the same solution, or to none.
+        """
+        near = np.argsort(misses)[:POOL]
+        shapes, chosen = self.shapes[near], [0]
+        apart = np.linalg.norm(shapes - shapes[0], axis=1)
+        for _ in range(min(count, len(near)) - 1):
+            chosen.append(int(np.argmax(apart)))
+            apart = np.minimum(apart, np.linalg.norm(shapes - shapes[chosen[-1]], axis=1))
+        return [self.postures[k] for k in near[chosen]]

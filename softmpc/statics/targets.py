@@ -1,4 +1,7 @@
-"""What the tip of a section shall do at rest: be at a place, point along an axis, or both."""
+"""What the tip of a section shall do at rest: be at a place, point along an axis, be turned so.
+
+A full pose is a position and an orientation.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from softmpc.errors import InputError
 
-__all__ = ["Direction", "Pose", "Position", "Target", "as_targets", "lengths"]
+__all__ = ["Direction", "Orientation", "Position", "Target", "as_targets", "lengths"]
 
 ORTHONORMAL = 1e-3  # largest error of R Rᵀ that counts as rounding
 AXES = "xyz"
@@ -140,46 +143,42 @@ class Direction(Target):
 
 
 @dataclass(frozen=True)
-class Pose(Target):
-    """The tip's place (m) and its whole orientation, a rotation matrix (3×3), base frame."""
+class Orientation(Target):
+    """The whole orientation of the tip: a rotation matrix (3×3) whose columns are its axes."""
 
-    place: tuple[float, ...]
     rotation: tuple[tuple[float, ...], ...]
 
-    name: ClassVar[str] = "pose"
+    name: ClassVar[str] = "orientation"
 
     def __post_init__(self) -> None:
-        place = Position(tuple(self.place)).place
-        if None in place:
-            raise InputError(f"Pose.place = {list(place)}: all three coordinates are needed")
-        R = _finite("Pose.rotation", self.rotation, "")
+        R = _finite("Orientation.rotation", self.rotation, "")
         if R.shape != (3, 3) or np.abs(R @ R.T - np.eye(3)).max() > ORTHONORMAL:
             raise InputError(
-                f"Pose.rotation = {R.tolist()}: must be a 3×3 matrix with orthonormal columns"
+                f"Orientation.rotation = {R.tolist()}: must be a 3×3 matrix whose columns are "
+                "orthonormal"
             )
         if np.linalg.det(R) < 0:
-            raise InputError("Pose.rotation has the determinant -1, a mirror image: turn one axis")
+            raise InputError(
+                f"Orientation.rotation = {R.tolist()} has the determinant -1, so it is a mirror "
+                "image: turn one axis round"
+            )
         U, _, V = np.linalg.svd(R)  # the nearest rotation
-        object.__setattr__(self, "place", place)
         object.__setattr__(self, "rotation", tuple(map(tuple, (U @ V).tolist())))
 
     @property
     def values(self) -> np.ndarray:
-        return np.concatenate([self.place, np.ravel(self.rotation, order="F")])
+        return np.ravel(self.rotation, order="F")
 
     def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
-        return tip - values[:3], (ca.vec(rotation) - values[3:]) / np.sqrt(2)
+        return ca.SX(0, 1), (ca.vec(rotation) - values) / np.sqrt(2)
 
     def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        i = self.index(tips.shape[1])
-        off = rotations[:, i] - np.array(self.rotation)
-        chords = np.linalg.norm(off, axis=(1, 2)) / np.sqrt(2)
-        return np.linalg.norm(tips[:, i] - self.place, axis=1), _angle(chords)
+        off = rotations[:, self.index(tips.shape[1])] - np.array(self.rotation)
+        return np.zeros(len(tips)), _angle(np.linalg.norm(off, axis=(1, 2)) / np.sqrt(2))
 
     def moves(self) -> tuple[list[str], np.ndarray]:
-        turns = np.vstack([_turned(column) for column in np.transpose(self.rotation)])
-        matrix = np.block([[np.eye(3), np.zeros((3, 3))], [np.zeros((9, 3)), turns]])
-        return [*AXES, *(f"turn_{axis}" for axis in AXES)], matrix
+        turns = [_turned(column) for column in np.transpose(self.rotation)]
+        return [f"turn_{axis}" for axis in AXES], np.vstack(turns)
 
 
 def as_targets(targets: Target | Iterable[Target], sections: int) -> tuple[Target, ...]:
@@ -188,12 +187,12 @@ def as_targets(targets: Target | Iterable[Target], sections: int) -> tuple[Targe
     for target in given:
         if not isinstance(target, Target):
             raise InputError(
-                f"target {target!r}: must be a Position, a Direction or a Pose, "
+                f"target {target!r}: must be a Position, a Direction or an Orientation, "
                 "for instance Position((0.1, 0, 0.5))"
             )
         target.check(sections)
     if not given:
-        raise InputError("no target is given: give a Position, a Direction or a Pose")
+        raise InputError("no target is given: give a Position, a Direction or an Orientation")
     return given
 
 

@@ -1,0 +1,202 @@
+"""Inverse statics: is every target in reach hit, is the nearest posture the nearest, how long?
+
+    python -m tests.benchmarks.inverse [--quick] [--inside 1000] [--outside 200] [--dense 100000]
+
+Paper's arm, both sections, at 1 and 2 segments a section, without and with a load at the tip.
+
+Inside: tips of random admissible pressures, half of them with units at their limits. How many are
+solved to 0.01 mm, with pressures within the limits, stable and on the branch of the straight arm;
+milliseconds a target (median, 95 % quantile): cold, from the spread of postures alone; compared,
+cold with the best of five starts; warm, along a path of 3 mm steps from each of some targets.
+
+Outside: random places in a box half as large again, all that a dense search finds further away
+than 0.1 mm: the nearest of many random postures, refined by SciPy's bounded least squares over the
+pressures. How many are said to be unreachable, and by how much the distance is above that of the
+dense search at worst.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from softmpc.model.effects import TipLoad
+from softmpc.model.model import Model, build
+from softmpc.model.presets import chen2022
+from softmpc.model.scene import Scene, default_effects
+from softmpc.statics.equilibrium import find_equilibrium, refine_equilibrium
+from softmpc.statics.inverse import InverseStatics
+from softmpc.statics.inverse_result import InverseResult
+from softmpc.statics.rest_limits import rest_limits
+from softmpc.statics.targets import Position
+
+LOAD = TipLoad(force=(0.6, -0.4, 1.0))
+HIT = 1e-5  # m
+STEP = 3e-3  # m, of a path
+REFINED = 8  # nearest postures of the dense search that are refined
+
+
+def scenes() -> Iterator[tuple[str, Scene]]:
+    for segments in (1, 2):
+        for load in ((), (LOAD,)):
+            effects = (*default_effects(), *load)
+            name = f"{segments} segment{'s' * (segments > 1)}, {'load' if load else 'no load'}"
+            yield name, Scene(chen2022(), segments=segments, effects=effects)
+
+
+def random_pressures(model: Model, count: int, seed: int) -> np.ndarray:
+    """Half of them anywhere between the limits, half with each unit at a limit or not, at random."""
+    rng, limits = np.random.default_rng(seed), rest_limits(model)
+    shares = rng.uniform(size=(count, len(limits.low)))
+    ends = rng.choice([0.0, 1.0, np.nan], p=[0.4, 0.2, 0.4], size=shares.shape)
+    shares[::2] = np.where(np.isnan(ends), shares, ends)[::2]
+    return np.asarray(limits.low + shares * limits.range)
+
+
+def tips_of(model: Model, pressures: np.ndarray) -> np.ndarray:
+    return np.array([find_equilibrium(model, p).tips[-1] for p in pressures])
+
+
+# ---------------------------------------------------------------- inside
+
+
+def inside(model: Model, inverse: InverseStatics, count: int) -> None:
+    targets = tips_of(model, random_pressures(model, count, seed=1))
+    inverse.solve(Position(targets[0]))  # build the program
+    cold = [inverse.solve(Position(place)) for place in targets]
+    compared = [inverse.solve(Position(place), compare=5) for place in targets[: count // 5]]
+    print(f"  inside, cold:     {summary(model, cold, targets)}")
+    print(f"  inside, compared: {summary(model, compared, targets)}")
+    gain = np.array([a.cost / b.cost for a, b in zip(cold, compared, strict=False)]) - 1
+    print(f"    cost of the first start above the best of five: more than 1 % for "
+          f"{np.mean(gain > 0.01):.1%}, {gain.max():.0%} at most")  # fmt: skip
+    warm, places = along_paths(inverse, cold[: max(count // 50, 4)], steps=20)
+    print(f"  warm, 3 mm steps: {summary(model, warm, places)}", flush=True)
+
+
+def along_paths(
+    inverse: InverseStatics, starts: list[InverseResult], steps: int
+) -> tuple[list[InverseResult], np.ndarray]:
+    """From each start towards the next one; results, places."""
+    results, places = [], []
+    for here, there in zip(starts, starts[1:], strict=False):
+        way = there.tips[-1] - here.tips[-1]
+        far = float(np.linalg.norm(way))
+        count = min(steps, int(far / STEP))
+        line = [here.tips[-1] + k * STEP * way / far for k in range(1, count + 1)]
+        results += inverse.solve_path([Position(place) for place in line], here)
+        places += line
+    return results, np.array(places)
+
+
+def summary(model: Model, results: list[InverseResult], places: np.ndarray) -> str:
+    limits = rest_limits(model)
+    hit = [np.linalg.norm(r.tips[-1] - x) <= HIT for r, x in zip(results, places, strict=False)]
+    kept = [
+        bool(np.all((limits.low <= r.pressures) & (r.pressures <= limits.high))) for r in results
+    ]
+    good = [r.solved and h and k for r, h, k in zip(results, hit, kept, strict=True)]
+    calm = [r.stable and r.on_rest_branch for r in results]
+    ms = 1e3 * np.array([r.seconds for r in results])
+    iterations = np.array([r.iterations for r in results])
+    return (
+        f"{sum(good)} of {len(results)} solved, {sum(calm)} stable on the branch, "
+        f"worst {1e3 * max(r.distance for r in results):.1e} mm, "
+        f"{np.median(ms):.1f} ms ({np.quantile(ms, 0.95):.1f}), "
+        f"{np.median(iterations):.0f} iterations"
+    )
+
+
+# ---------------------------------------------------------------- outside
+
+
+class DenseSearch:
+    """The nearest posture to a place without IPOPT."""
+
+    def __init__(self, model: Model, count: int) -> None:
+        self.model, self.limits = model, rest_limits(model)
+        pressures = random_pressures(model, count, seed=2)
+        found = [find_equilibrium(model, p) for p in pressures]
+        self.postures = [rest for rest in found if rest.stable]
+        self.tips = np.array([rest.tips[-1] for rest in self.postures])
+
+    def distance(self, place: np.ndarray) -> float:
+        """Of the best posture on the branch of the straight arm (m)."""
+        near = np.argsort(np.linalg.norm(self.tips - place, axis=1))[:REFINED]
+        return min(self._refined(self.postures[k].pressures, place) for k in near)
+
+    def _refined(self, pressures: np.ndarray, place: np.ndarray) -> float:
+        limits, scale = self.limits, self.model.layout.p.scale
+        q = find_equilibrium(self.model, pressures).q
+
+        def off(share: np.ndarray) -> np.ndarray:
+            nonlocal q
+            rest = refine_equilibrium(self.model, share * scale, q)
+            q = rest.q
+            return np.asarray(rest.tips[-1] - place)
+
+        def slope(share: np.ndarray) -> np.ndarray:
+            K, by_p = (np.asarray(x) for x in self.model.stiffness(q, share * scale))
+            J = np.asarray(self.model.tip_jacobian(q))[-3:]
+            return np.asarray(-J @ np.linalg.solve(K, by_p) * scale)
+
+        low, high = limits.low / scale, limits.high / scale
+        inner = np.clip(pressures / scale, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+        found = least_squares(
+            off, inner, slope, bounds=(low, high), xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200
+        )
+        p = np.clip(found.x * scale, limits.low, limits.high)
+        return float(np.linalg.norm(find_equilibrium(self.model, p).tips[-1] - place))
+
+
+def outside(model: Model, inverse: InverseStatics, count: int, postures: int) -> None:
+    began = time.perf_counter()
+    dense = DenseSearch(model, postures)
+    rng, low, high = np.random.default_rng(3), dense.tips.min(axis=0), dense.tips.max(axis=0)
+    results, gaps = [], []
+    while len(results) < count:
+        place = (low + high) / 2 + 1.5 * (high - low) / 2 * rng.uniform(-1, 1, 3)
+        least = dense.distance(place)
+        if least > 1e-4:
+            results.append(inverse.solve(Position(place)))
+            gaps.append(results[-1].distance - least)
+    said = sum(r.status == "unreachable" for r in results)
+    ms = 1e3 * np.array([r.seconds for r in results])
+    calm = [r.stable and r.on_rest_branch for r in results]
+    print(
+        f"  outside: {said} of {count} unreachable, {sum(calm)} stable on the branch; distance "
+        f"above the dense search's {1e3 * max(gaps):.1e} mm at most, below it "
+        f"{-1e3 * min(gaps):.1e} mm; {np.median(ms):.0f} ms; "
+        f"the dense search took {time.perf_counter() - began:.0f} s",
+        flush=True,
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a tenth of it")
+    parser.add_argument("--inside", type=int, default=1000)
+    parser.add_argument("--outside", type=int, default=200)
+    parser.add_argument("--dense", type=int, default=100_000)
+    given = parser.parse_args()
+    share = 10 if given.quick else 1
+    for name, scene in scenes():
+        print(name, flush=True)
+        model = build(scene)
+        began = time.perf_counter()
+        inverse = InverseStatics(model)
+        _ = inverse.spread
+        print(f"  {len(inverse.spread.postures)} postures to start from made in "
+              f"{1e3 * (time.perf_counter() - began):.0f} ms")  # fmt: skip
+        inside(model, inverse, given.inside // share)
+        outside(model, inverse, given.outside // share, given.dense // share)
+
+
+if __name__ == "__main__":
+    main()
