@@ -21,6 +21,8 @@ from softmpc.simulation.integrator import IntegrationError
 from softmpc.simulation.result import Simulation
 from softmpc.simulation.settings import SimulationSettings
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium, pressures_from_torques
+from softmpc.statics.workspace import find_workspace
+from softmpc.statics.workspace_result import Workspace
 from softmpc.study.measure import motion_of
 from softmpc.study.paper_motions import MOTIONS, SAMPLE_TIME, UNITS
 
@@ -33,11 +35,11 @@ __all__ = [
 AS_PRINTED, AS_READ, OURS = "as printed", "as read", "ours"
 FINE, FINEST = "ours, 4 seg.", "ours, 8 seg."
 READINGS = {
-    AS_PRINTED: "the paper's formulation, with (17) not divided by the initial length",
-    AS_READ: "the paper's formulation, with (17) divided by it and the slips of the page mended",
+    AS_PRINTED: "the paper's formulation, damping (24) alone, with (17) in N·m as it is printed",
+    AS_READ: "the same with (17) divided by the initial length, which makes it a force",
     OURS: "the default model: virtual power, an elastic law with an energy, one segment a section",
-    FINE: "the same with 4 segments a section",
-    FINEST: "the same with 8 segments a section",
+    FINE: "the default model with 4 segments a section",
+    FINEST: "the default model with 8 segments a section",
 }
 SEGMENTS = {OURS: 1, FINE: 4, FINEST: 8}
 PRINTED_EFFICIENCY = 0.9  # table 1: η
@@ -59,6 +61,7 @@ class PaperRuns:
 
     arm: Manipulator
     _models: dict[Any, Model] = field(default_factory=dict)
+    _workspaces: dict[str, Workspace] = field(default_factory=dict)
     _motions: dict[tuple[str, str], Simulation | str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -110,6 +113,17 @@ class PaperRuns:
         model = self.model(reading)
         given = [torques.get(unit, 0.0) for unit in range(1, UNITS + 1)]
         return find_equilibrium(model, pressures_from_torques(model, given))
+
+    def workspace(self, reading: str) -> Workspace:
+        """Where the tip of one section without weight can be; only our shell has a fine grid."""
+        if reading not in self._workspaces:
+            model = self.weightless(reading, 1)
+            self._workspaces[reading] = (
+                find_workspace(model)
+                if reading == OURS
+                else find_workspace(model, azimuths=4, polars=5)
+            )
+        return self._workspaces[reading]
 
     def motion(self, figure: str, reading: str) -> Simulation | str:
         """The motion of a figure, or why there is none."""

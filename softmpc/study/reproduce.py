@@ -22,6 +22,7 @@ TOPICS: dict[str, Callable[[PaperRuns], Topic]] = {
     "drive": statics.drive,
     "limit+x": statics.limit_plus_x,
     "limit-x": statics.limit_minus_x,
+    "workspace": statics.workspace,
     "posture": statics.limit_posture,
     "fig6": motions.fig6,
     "fig7": motions.fig7,

@@ -58,14 +58,14 @@ def fig6(runs: PaperRuns) -> Topic:
         f"{held:.3f} MPa. An arm that is symmetric about a plane stays in it."
     )
     topic = _motion(runs, "fig6", "Fig. 6, 3.2.1", Printed(1.0, "<"), why)
-    return replace(topic, rows=(topic.rows[0], _complete(plane, MOVING), *topic.rows[1:]))
+    return replace(topic, rows=(topic.rows[0], plane.completed(MOVING), *topic.rows[1:]))
 
 
 def fig7(runs: PaperRuns) -> Topic:
     """Step on 1 and 4."""
     why = (
         "As for Fig. 6. The paper's formulation hands on no shear (22) and has no energy to "
-        "conserve: its second section bends further on the way, though the tip hardly shows it."
+        "conserve: its second section bends far beyond its end on the way."
     )
     return _motion(runs, "fig7", "Fig. 7, 3.2.2", Printed(1.5, "<"), why)
 
@@ -112,7 +112,7 @@ def _motion(runs: PaperRuns, figure: str, where: str, bound: Printed | None, why
         key=figure,
         title=MOTIONS[figure].title,
         where=where,
-        rows=tuple(_complete(row, MOVING) for row in rows),
+        rows=tuple(row.completed(MOVING) for row in rows),
         why=why + _growth(rates),
         readings={name: READINGS[name] for name in MOVING},
         failures=runs.failures(figure, MOVING),
@@ -128,12 +128,12 @@ def _rate(runs: PaperRuns, figure: str, reading: str) -> float:
 
 def _growth(rates: Mapping[str, tuple[float, ...]]) -> str:
     """Which readings have no rest to come to."""
-    growing = [f"{name} ({rate:+.1f} 1/s)" for name, (rate,) in rates.items() if rate > 0]
+    growing = [f"“{name}” ({rate:+.1f} 1/s)" for name, (rate,) in rates.items() if rate > 0]
     if not growing:
         return ""
     return (
-        f" The rest of {', '.join(growing)} is unstable in motion: what swings there grows, until "
-        "the motion cannot be followed."
+        f" The posture at rest of {', '.join(growing)} is unstable in motion: a swing grows, until "
+        "it cannot be followed."
     )
 
 
@@ -166,7 +166,7 @@ def fig8(runs: PaperRuns) -> Topic:
             Row(f"{what}, ramp over step", "", shares, Printed(1.0, "<"), 2),
         ]
     failures = topic.failures | runs.failures("fig6", MOVING)
-    rows = [_complete(row, MOVING) for row in rows]
+    rows = [row.completed(MOVING) for row in rows]
     return replace(topic, rows=tuple(rows), failures=failures)
 
 
@@ -191,13 +191,13 @@ def errors(runs: PaperRuns) -> Topic:
         key="errors",
         title="ERR (37): distance from our model with 4 segments a section",
         where="4.3",
-        rows=tuple(_complete(row, readings) for row in rows),
+        rows=tuple(row.completed(readings) for row in rows),
         why="The paper's errors are distances from a rig. Its data were never published, so these "
         "numbers cannot be recomputed, and the distances between models beside them are something "
         "else. The last column says how exact the reference is.",
         readings={name: READINGS[name] for name in readings},
         failures={
-            f"{name}, {figure}": reason
+            f"{name}, {figure.replace('fig', 'Fig. ')}": reason
             for figure in rig
             for name, reason in runs.failures(figure, (*readings, FINE)).items()
         },
@@ -218,9 +218,3 @@ def curvature_overshoot(motion: Simulation) -> float:
     kappa = curvature(motion, 1)[since]
     change = kappa[-1] - kappa[0]
     return 100 * float(((kappa - kappa[-1]) * np.sign(change)).max() / abs(change))
-
-
-def _complete(row: Row, readings: tuple[str, ...]) -> Row:
-    """The row with nan for readings that failed, in the order of the readings."""
-    lost = (float("nan"),) * len(row.parts)
-    return replace(row, values={name: row.values.get(name, lost) for name in readings})

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 __all__ = ["Printed", "Row", "Topic"]
@@ -49,6 +49,11 @@ class Row:
     printed: Printed | None = None
     digits: int = 3  # decimals that people see
     parts: tuple[str, ...] = ("",)
+
+    def completed(self, readings: Iterable[str]) -> Row:
+        """The row with these readings in their order, nan where it has none."""
+        lost = (float("nan"),) * len(self.parts)
+        return replace(self, values={name: self.values.get(name, lost) for name in readings})
 
     def records(self) -> Iterator[dict[str, Any]]:
         """One flat record a value."""

@@ -27,7 +27,7 @@ from softmpc.study.reproduce_records import Printed, Row, Topic
 
 __all__ = [
     "FULL", "LIMIT_POSTURES", "REST_TORQUES", "drive", "limit_minus_x", "limit_plus_x",
-    "limit_posture", "rests_of_unit_1", "rests_of_unit_4",
+    "limit_posture", "rests_of_unit_1", "rests_of_unit_4", "workspace",
 ]  # fmt: skip
 
 FULL = 1e6  # Pa, the largest pressure of section 3.1
@@ -157,6 +157,34 @@ def _shape(length: float, rest: Equilibrium) -> tuple[float, float, float]:
     return degrees(arc * curvature), arc, 1 / curvature
 
 
+def workspace(runs: PaperRuns) -> Topic:
+    """Extents of the places that the tip of one section can have."""
+    found = {reading: runs.workspace(reading) for reading in STATIC}
+    sizes = {reading: np.diff(w.extents, axis=1)[:, 0].tolist() for reading, w in found.items()}
+    about = Printed(0.5, "about")
+    rows = [
+        Row(f"extent along {axis}", "m", {name: (size[k],) for name, size in sizes.items()}, about)
+        for k, axis in enumerate("xyz")
+    ]
+    ranges = {name: tuple(w.extents[2].tolist()) for name, w in found.items()}
+    picture = Printed(None, text="picture")
+    rows += [
+        Row("z of the tip, lowest and highest", "m", ranges, picture, 3, ("lowest", "highest")),
+        Row("volume of the shell", "l", {OURS: (1e3 * found[OURS].volume,)}, picture, 1),
+    ]
+    longest = 1 + runs.arm.limits.stretch_max
+    return Topic(
+        key="workspace",
+        title="workspace of one section, 0 to 1 MPa, no gravity",
+        where="3.1, Fig. 5a",
+        rows=tuple(row.completed(STATIC) for row in rows),
+        why="The paper rounds, and may count z from the base. The highest tip is that of the "
+        "straight section with all units at 1 MPa. (17) as printed would go on beyond the set's "
+        f"limit of stretch, {longest:g} times the length at rest.",
+        readings={name: READINGS[name] for name in STATIC},
+    )
+
+
 def limit_posture(runs: PaperRuns) -> Topic:
     """Both sections at the largest pressure."""
     rests: dict[str, dict[str, Equilibrium]] = {name: {} for name in LIMIT_POSTURES}
@@ -189,9 +217,9 @@ def rests_of_unit_4(runs: PaperRuns) -> Topic:
         "fig11a",
         4,
         "Figs 10, 11a",
-        "Shapes only: photographs and curves without numbers. The paper's formulation hands the "
-        "first section only axial force and moment of the second, no shear (22), so the weight "
-        "beyond bends it otherwise.",
+        "Shapes only: photographs and curves without numbers. The paper's formulation lumps the "
+        "weight at the ends of the sections and hands on no shear (22): that bends the first "
+        "section further back.",
     )
 
 
@@ -202,8 +230,8 @@ def rests_of_unit_1(runs: PaperRuns) -> Topic:
         "fig11b",
         1,
         "Figs 10, 11b",
-        "Shapes only, as above. A lumped mass at the end of the second section and (22) make it "
-        "hang less bent; 4 segments a section show what one segment costs our model.",
+        "Shapes only, as above. With its weight lumped at its end, the second section turns "
+        "further to the vertical. 4 segments a section show what one segment costs our model.",
     )
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.simulation.compare import compare
-from softmpc.study.paper_motions import MOTIONS
 from softmpc.study.paper_readings import AS_READ, FINE, OURS
 from softmpc.study.reproduce_motions import curvature
 from softmpc.view.arm import Arm, box_of
@@ -29,7 +28,7 @@ TIME = "time (s)"
 
 
 @styled
-def trajectory_figure(runs: PaperRuns, name: str, title: str) -> Figure:
+def trajectory_figure(name: str, runs: PaperRuns, title: str) -> Figure:
     """Trajectory, curvatures and speeds, as in Figs 6, 7 and 8."""
     made = figure(10.5, 4.8, title)
     motions = runs.motions(name, (OURS, AS_READ))
@@ -50,7 +49,7 @@ def trajectory_figure(runs: PaperRuns, name: str, title: str) -> Figure:
 
 
 @styled
-def coordinates_figure(runs: PaperRuns, name: str, title: str) -> Figure:
+def coordinates_figure(name: str, runs: PaperRuns, title: str) -> Figure:
     """Coordinates of the section tips over time, as in Figs 13 and 14, and curvatures.
 
     The paper shows distances from the rig; here they are from our model with 4 segments.
@@ -146,8 +145,3 @@ def _draw_distances(axes: Axes, runs: PaperRuns, name: str, motions: dict[str, S
                 axes.plot(gaps.time, 1e3 * gap, **_look(s, reading))
     axes.set_ylim(bottom=0.0)
     label(axes, TIME, "ERR (mm)", "(d) distance from our model with 4 segments")
-
-
-def motion_title(name: str) -> str:
-    """Number of a figure and what moves."""
-    return f"{name.replace('fig', 'Fig. ')} from our model: {MOTIONS[name].title}"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from softmpc.study.reproduce import Reproduction
     from softmpc.study.reproduce_records import Row, Topic
 
-__all__ = ["markdown", "terminal"]
+__all__ = ["explained", "markdown", "terminal"]
 
 WIDTH = 100
 NONE = "–"
@@ -28,7 +28,16 @@ def terminal(found: Reproduction) -> str:
         lines += [f"{name}: {text}" for name, text in _own(topic).items()]
         lines += [f"{name}: {reason}" for name, reason in topic.failures.items()]
         parts.append("\n".join(lines))
-    return "\n\n".join([*parts, "\n".join(f"{n}: {text}" for n, text in READINGS.items())])
+    return "\n\n".join([*parts, "\n".join(f"{n}: {text}" for n, text in explained().items())])
+
+
+def explained() -> dict[str, str]:
+    """What the columns of the tables are."""
+    return {
+        "printed": "what the paper says",
+        **READINGS,
+        f"{OURS} − printed": "difference, and in % of what is printed; a bound is kept or not",
+    }
 
 
 def _own(topic: Topic) -> dict[str, str]:
@@ -47,7 +56,7 @@ def markdown(found: Reproduction) -> dict[str, str]:
         if own := _own(topic):
             blocks.append("\n".join(f"- {name}: {text}" for name, text in own.items()))
         if topic.failures:
-            blocks.append(f"No motion to the end: {', '.join(topic.failures)}.")
+            blocks.append(f"No motion to the end: {'; '.join(topic.failures)}.")
         made[topic.key] = "\n\n".join(blocks)
     return made
 
