@@ -30,6 +30,7 @@ __all__ = ["main"]
 COMMANDS = {
     "info": "Show a scene as a model: states, inputs, effects, size.",
     "statics": "Find the posture at rest under pressures or torques.",
+    "inverse": "Find pressures and torques that hold the tip at a place.",
     "simulate": "Run the motion that a scene describes.",
     "track": "Move the tip along a path by nonlinear MPC.",
     "compare": "Compare the section tips of two simulations.",

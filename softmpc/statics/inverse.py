@@ -152,7 +152,7 @@ class InverseStatics:
         """
         inverse, targets = self._inverse(result.targets), result.targets
         solution = result.solution
-        if solution is None:  # read from a file, or solved elsewhere
+        if solution is None:  # no start led to one: try once more from where it is
             guess = self.program.guess(result.q, result.pressures, np.zeros(inverse.extra))
             solution = inverse.solver(guess, self._values(targets, result))
         slopes = inverse.solver.derivative(solution)

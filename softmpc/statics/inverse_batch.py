@@ -16,13 +16,12 @@ from softmpc.model.scene import Scene
 from softmpc.statics.equilibrium import Equilibrium
 from softmpc.statics.inverse import InverseStatics, Targets
 from softmpc.statics.inverse_result import InverseResult
+from softmpc.statics.program import RestSolution
 from softmpc.statics.rest_costs import RestCost
 from softmpc.statics.targets import Target, as_targets
 from softmpc.sweeps import sweep
 
 __all__ = ["solve_many"]
-
-ARRAYS = ("q", "pressures", "tips", "rotations")
 
 
 def solve_many(
@@ -35,7 +34,7 @@ def solve_many(
     keep: str | os.PathLike[str] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> list[InverseResult]:
-    """The results of `inverse.solve` for each case, in their order, without their `solution`.
+    """The results of `inverse.solve` for each case, in their order.
 
     With `path` each starts from the one before it; a path is cut into pieces for the workers.
     `executor`, `keep` and `progress` are those of `softmpc.sweeps.sweep`.
@@ -82,19 +81,32 @@ class _Solve:
 
 def _record(result: InverseResult) -> dict[str, Any]:
     """A result as plain data."""
-    left_out = ("targets", "posture", "solution")
-    data = {f.name: getattr(result, f.name) for f in fields(result) if f.name not in left_out}
-    posture = {f.name: getattr(result.posture, f.name) for f in fields(Equilibrium)}
-    return {**data, "posture": posture}
+    parts: dict[str, Any] = {f.name: getattr(result, f.name) for f in fields(result)}
+    del parts["targets"]
+    for name in ("posture", "solution"):
+        part = parts[name]
+        parts[name] = part and {f.name: getattr(part, f.name) for f in fields(part)}
+    return parts
 
 
 def _result(record: dict[str, Any], targets: tuple[Target, ...]) -> InverseResult:
-    posture = {k: np.array(v) if k in ARRAYS else v for k, v in record["posture"].items()}
     torques = record["torques"]
-    given = {
+    parts = {
         **record,
-        "posture": Equilibrium(**posture),
         "torques": None if torques is None else np.array(torques),
         "active": tuple(record["active"]),
+        "posture": Equilibrium(**_arrays(record["posture"])),
+        "solution": _solution(record["solution"]),
     }
-    return InverseResult(targets=targets, **given)
+    return InverseResult(targets=targets, **parts)
+
+
+def _solution(record: dict[str, Any] | None) -> RestSolution | None:
+    if record is None:
+        return None
+    x, lam_x, lam_g = (np.array(part) for part in record.pop("point"))
+    return RestSolution(**_arrays(record), point=(x, lam_x, lam_g))
+
+
+def _arrays(record: dict[str, Any]) -> dict[str, Any]:
+    return {k: np.array(v, float) if isinstance(v, list) else v for k, v in record.items()}

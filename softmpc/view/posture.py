@@ -24,16 +24,23 @@ if TYPE_CHECKING:
 
     from softmpc.model.model import Model
 
-__all__ = ["posture_figure"]
+__all__ = ["draw_posture", "legend_below", "posture_figure"]
 
 
 @styled
 def posture_figure(model: Model, q: Any, title: str = "Posture at rest") -> Figure:
     """The arm at strains `q`: in space, and seen along y and along x."""
+    made = draw_posture(model, q, title)
+    legend_below(made)
+    return made
+
+
+def draw_posture(model: Model, q: Any, title: str, around: Any = ()) -> Figure:
+    """As `posture_figure`, with room for the places `around` (…×3), and for a legend."""
     arm = Arm(model)
     lines, rotations = arm.sections(q), arm.rotations(q)
     radius = max(arm.radii)
-    box = box_of(*lines, margin=2.2 * radius)
+    box = box_of(*lines, np.reshape(around, (-1, 3)), margin=2.2 * radius)
     made = figure(11.5, 5.2, title)
     wide, deep, _ = box[1] - box[0]  # both projections get the same scale
     grid = made.add_gridspec(1, 3, width_ratios=(0.9 * (wide + deep), wide, deep), wspace=0.08)
@@ -46,9 +53,13 @@ def posture_figure(model: Model, q: Any, title: str = "Posture at rest") -> Figu
     flat = [made.add_subplot(grid[column]) for column in (1, 2)]
     for view, across in zip(flat, (0, 1), strict=True):
         _projection(view, lines, arm, across, box)
-    handles, names = flat[0].get_legend_handles_labels()
-    made.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
     return made
+
+
+def legend_below(made: Figure) -> None:
+    """What the projections show."""
+    handles, names = made.axes[1].get_legend_handles_labels()
+    made.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
 
 
 def _projection(
