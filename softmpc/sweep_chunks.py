@@ -91,7 +91,7 @@ def run(work: Any, cases: Sequence[Any], begun: Callable[[int], None] | None = N
         return _failure(error, position)
 
 
-def _failure(error: Exception, position: int | None) -> Failure:
+def _failure(error: Exception, position: int) -> Failure:
     wrong_input = isinstance(error, InputError)
     text = str(error) if wrong_input else f"{type(error).__name__}: {error}"
     return Failure(position, text, wrong_input, traceback.format_exc())
@@ -137,5 +137,9 @@ def run_packed(work: bytes, cases: bytes, begun: Callable[[int], None] | None = 
     try:
         loaded, given = _unpacked(work), pickle.loads(cases)
     except Exception as error:
-        return _failure(error, None)
+        text = (
+            f"a worker cannot load this or the work ({type(error).__name__}: {error}); modules that "
+            "they come from must be there, and what is typed into a session is not"
+        )
+        return Failure(None, text, wrong_input=True, trace=traceback.format_exc())
     return run(loaded, given, begun)

@@ -20,11 +20,15 @@ from typing import Any
 from softmpc.errors import SweepError
 from softmpc.sweep_chunks import Chunk, Outcome, packed, run_packed
 
-__all__ = ["ATTEMPTS", "Processes", "Rest", "finished_in", "finished_in_processes"]
+__all__ = ["ATTEMPTS", "Processes", "Rest", "finished_in", "finished_in_processes", "in_worker"]
 
 ATTEMPTS = 3  # how often a chunk is sent before it is blamed for the deaths of its workers
 MOST = 61  # processes that Windows can wait for
 NOBODY = -1
+NO_GUARD = (
+    'a script that sweeps needs `if __name__ == "__main__":` around what it does, for each worker '
+    "imports it; in a session use executor=1"
+)
 # Workers share the cores; a pool of threads in each would make them slower, not faster.
 ONE_THREAD = (
     "OMP_NUM_THREADS",
@@ -44,6 +48,8 @@ class Processes(ProcessPoolExecutor):
     """
 
     def __init__(self, workers: int) -> None:
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            raise SweepError(NO_GUARD)  # this is a worker that imports the script
         context = multiprocessing.get_context("spawn")
         self.begun = context.RawValue("q", NOBODY)  # no lock that a killed worker could hold
         super().__init__(min(workers, MOST), context, _begin, (self.begun,))
@@ -90,6 +96,11 @@ def _begin(begun: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.stdout = sys.stderr  # stdout is for the answer of the command
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def in_worker() -> bool:
+    """Whether this is a worker process of a sweep."""
+    return _begun is not None
 
 
 def _tell(position: int) -> None:
@@ -190,10 +201,7 @@ def finished_in_processes(
 def _check_death(pool: Processes, suspect: Chunk | None) -> None:
     """Raise `SweepError` where trying again makes no sense."""
     if pool.begun.value == NOBODY:
-        raise SweepError(
-            "the worker processes end before they begin: a script that sweeps needs "
-            '`if __name__ == "__main__":` around what it does, for each worker imports it'
-        )
+        raise SweepError(f"the worker processes end before they begin: {NO_GUARD}")
     if suspect:
         raise SweepError(
             f"{suspect.case(pool.begun.value)}: its worker was killed {ATTEMPTS} times, the last "

@@ -44,9 +44,10 @@ def sweep(
     result as a warm start. A result is a number, text, None, or a list, dict or NumPy array of
     these, and comes back as JSON has it: arrays and tuples as lists, keys as text.
 
-    `executor`: a number of processes on this machine, 1 to stay in this one, None for as many as
-    there are usable cores; or any executor, such as `dask.distributed.Client(…).get_executor()`.
-    A killed process is replaced, and what it was at is done again, up to 3 times.
+    `executor`: a number of processes on this machine, 1 to stay in this one, None for one a usable
+    core (but none in the worker of another sweep); or any executor, such as
+    `dask.distributed.Client(…).get_executor()`. A killed process is replaced, and what it was at is
+    done again, up to 3 times.
     `chunk`: how many cases a worker does at once, by default a 64th of them, 1 to 32.
     `keep`: a file for the results of finished chunks; the same sweep, with the same file, goes on
     from there. `progress(cases done, cases)` is called as chunks finish.
@@ -116,8 +117,11 @@ def _finished(
         for chunk in chunks:
             yield chunk, run(work, chunk.cases)
         return
-    from softmpc.sweep_processes import finished_in, finished_in_processes
+    from softmpc.sweep_processes import finished_in, finished_in_processes, in_worker
 
+    if executor is None and in_worker():  # its neighbours have the other cores
+        yield from _finished(work, chunks, 1)
+        return
     if executor is None or isinstance(executor, int):
         here = packed(work, "work", pickle.dumps)
         yield from finished_in_processes(here, chunks, executor or usable_cores())

@@ -15,6 +15,7 @@ import numpy as np
 
 from softmpc import InputError, Model, Scene, build
 from softmpc.statics.equilibrium import find_equilibrium, refine_equilibrium
+from softmpc.sweeps import sweep
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,15 @@ def threads(case: int) -> str:
     return os.environ["OMP_NUM_THREADS"] + os.environ["OPENBLAS_NUM_THREADS"]
 
 
+def sweep_inside(case: int) -> bool:
+    """Whether a sweep in a worker stays in that process."""
+    return sweep(process, [0, 1]) == [os.getpid()] * 2
+
+
+def process(case: int) -> int:
+    return os.getpid()
+
+
 def slow_first(case: int) -> int:
     time.sleep(0.3 if case == 0 else 0.0)
     return case
@@ -86,6 +96,13 @@ def inverse(case: float) -> float:
     if case < 0:
         raise InputError("must not be negative")
     return 1 / case
+
+
+class NotLoaded:
+    """Can be sent, and not received."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return inverse, (0,)
 
 
 def no_result(case: int) -> object:

@@ -154,6 +154,10 @@ def test_workers_have_one_thread_each() -> None:
     assert "OMP_NUM_THREADS" not in os.environ
 
 
+def test_sweeps_in_workers_start_no_processes() -> None:
+    assert sweep(sweep_work.sweep_inside, range(2), executor=2) == [True, True]
+
+
 def test_scenes_travel_without_their_models() -> None:
     work = Tips(SCENE)
     assert pickle.loads(pickle.dumps(SCENE)) == SCENE
@@ -198,7 +202,8 @@ def test_script_without_guard(tmp_path: Path) -> None:
     process = start(code, tmp_path)
     out, error = process.communicate(timeout=60)
     assert out == ""
-    assert 'needs `if __name__ == "__main__":`' in error.splitlines()[-1]
+    assert 'needs `if __name__ == "__main__":`' in error.splitlines()[-1], error
+    assert "resource_tracker" not in error
 
 
 # ---------------------------------------------------------------- errors
@@ -221,6 +226,8 @@ def test_work_that_cannot_be_sent() -> None:
     assert sweep(lambda case: case, [1], executor=1) == [1]
     with pytest.raises(InputError, match=r"case 0 <function .* cannot be sent"):
         sweep(abs, [lambda: 1], executor=2)
+    with pytest.raises(InputError, match="case 0 .* a worker cannot load this or the work .*Zero"):
+        sweep(abs, [sweep_work.NotLoaded()], executor=2)
 
 
 @pytest.mark.parametrize("executor", [0, -1, True, 1.5, "tcp://host:8786"])
@@ -370,7 +377,7 @@ def test_example_prints_what_the_page_says(tmp_path: Path) -> None:
     out, error = process.communicate(timeout=120)
     assert error == ""
     page = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
-    assert [block.body for block in blocks(page) if block.kind == "text"][0] == out
+    assert next(block.body for block in blocks(page) if block.kind == "text") == out
     assert (tmp_path / "monte_carlo.jsonl").read_text().count('"results"') == 24
 
 
