@@ -357,7 +357,7 @@ def test_bad_file(content: bytes, message: str, tmp_path: Path) -> None:
         ("[hydraulics]\nbulk = 1e9", "did you mean 'bulk_modulus'"),
         ("[limits]\npresure_max = 1e6", "did you mean 'pressure_max'"),
         ("[manipulator]\nsecton_length = 1", "did you mean 'section_length'"),
-        ("[manipulator]\npreset = 'chen2022-v7'", "did you mean 'chen2022-v1'"),
+        ("[manipulator]\npreset = 'chen2022-v7'", "did you mean 'chen2022-v2'"),
         ("[manipulator]\nsections = 0", "sections = 0: must be a whole number from 1 to 64"),
         ("[manipulator]\nsections = 2.0", "sections = 2.0: must be a whole number"),
         (

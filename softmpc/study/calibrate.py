@@ -189,6 +189,7 @@ def _best(
     generator = np.random.default_rng(seed)
     others = [problem.space.random_start(generator).tolist() for _ in range(starts - 1)]
     work = _Searches(replace(problem))
+    first = fit.cost if fit.converged else float("inf")
     found = sweep(work, others, executor=executor, chunk=1, progress=progress)
     for other in found:
         better = other["status"] == "converged" and not other["cost"] >= fit.cost
@@ -196,6 +197,6 @@ def _best(
             x = np.array(other["x"])
             fit = Fit("converged", x, other["cost"], other["iterations"])
             factor = other["factor"]
-    costs = [other["cost"] for other in found if other["status"] == "converged"]
+    costs = [first] + [other["cost"] for other in found if other["status"] == "converged"]
     alike = sum(abs(cost - fit.cost) <= SAME * (1 + fit.cost) for cost in costs)
     return fit, factor, max(1, alike)

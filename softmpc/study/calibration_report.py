@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softmpc.errors import SoftmpcError
+from softmpc.model.scene import Scene
 from softmpc.study.calibration_result import Calibration, Estimate, Residual
 from softmpc.study.least_squares import Fit
 from softmpc.study.uncertainty import (
@@ -27,6 +29,7 @@ __all__ = ["estimates", "report"]
 AT_BOUND = 1e-12  # of x: the search puts there what is at a bound
 SHOWN = 0.1  # the largest relative change in the words for a direction
 UNKNOWN = float("nan")
+CALIBRATED = ", calibrated"
 
 
 def report(
@@ -46,7 +49,7 @@ def report(
     rows = J[active] if np.all(np.isfinite(J)) else np.zeros((0, len(space)))
     sure = uncertainty(rows, space.prior[1], _free(problem, fit.x), factor)
     chi2, freedom = float(np.sum(r[active] ** 2)), float(active.sum() - sure.used)
-    directions, determined = undetermined(rows, space.prior[1])
+    directions, determined = undetermined(rows, _sizes(problem, fit.x))
     scale = float(np.sqrt(chi2 / freedom)) if freedom >= 0.5 else UNKNOWN
     deviations = sure.deviations
     return Calibration(
@@ -68,8 +71,22 @@ def report(
         agreeing=1,
         arms=problem.predictions.arms,
         wall_s=UNKNOWN,
-        scene=space.scene_at(fit.x),
+        scene=_named(space.scene_at(fit.x)),
     )
+
+
+def _sizes(problem: CalibrationProblem, x: np.ndarray) -> np.ndarray:
+    """A change of each x that matters: the prior's deviation, or all of the number."""
+    prior = problem.space.prior[1]
+    whole = np.where(problem.space.logarithmic, 1.0, np.maximum(np.abs(x), 1.0))
+    return np.where(np.isfinite(prior), prior, whole)
+
+
+def _named(scene: Scene) -> Scene:
+    """The scene with an arm that says it is not the preset's any more."""
+    arm = scene.manipulator
+    name = arm.name if arm.name.endswith(CALIBRATED) else arm.name + CALIBRATED
+    return scene.with_(manipulator=replace(arm, name=name))
 
 
 def _free(problem: CalibrationProblem, x: np.ndarray) -> np.ndarray:
@@ -101,7 +118,7 @@ def estimates(
             Estimate(
                 path=path,
                 unit=space.units[k],
-                start=float(space.values(space.start)[k]),
+                start=space.starts[k],
                 estimate=float(values[k]),
                 std_error=float(errors[k]),
                 low95=float(edges[0][k]),
@@ -109,8 +126,8 @@ def estimates(
                 bound="" if free[k] else side,
                 determined=bool(determined[k]),
                 prior=space.priors[k],
-                low=float(space.values(low)[k]),
-                high=float(space.values(high)[k]),
+                low=space.limits[k][0],
+                high=space.limits[k][1],
                 log=space.logarithmic[k],
             )
         )

@@ -77,7 +77,10 @@ class _Resolved:
         return value / self.scale
 
     def value(self, x: float) -> float:
-        """The number; not a rounding beyond its bounds."""
+        """The number; at the start and at a bound that itself, without rounding."""
+        for known in (self.start, self.low, self.high):
+            if x == self.x(known):
+                return known
         return min(max(exp(x) if self.log else x * self.scale, self.low), self.high)
 
     @property
@@ -129,6 +132,16 @@ class ParameterSpace:
         return np.array([free.x(free.start) for free in self._free])
 
     @property
+    def starts(self) -> tuple[float, ...]:
+        """The numbers to start from, SI."""
+        return tuple(free.start for free in self._free)
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """Lowest and highest number of each parameter, SI."""
+        return tuple((free.low, free.high) for free in self._free)
+
+    @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest x (P each)."""
         low = np.array([free.x(free.low) for free in self._free])
@@ -166,10 +179,10 @@ class ParameterSpace:
         return scene
 
     def random_start(self, generator: np.random.Generator) -> np.ndarray:
-        """A start anywhere within the bounds; no further than a factor 3 (log), or the scale."""
+        """A start anywhere within the bounds; no further than a factor 2 (log), or the scale."""
         low, high = self.bounds
         start = self.start
-        reach = np.where(self.logarithmic, log(3.0), 1.0)
+        reach = np.where(self.logarithmic, log(2.0), 1.0)
         return generator.uniform(np.maximum(low, start - reach), np.minimum(high, start + reach))
 
 

@@ -53,6 +53,7 @@ def minimise(
     search is scaled; an x no further from a bound than it resolves is put there. After Ctrl-C the
     best x so far is returned.
     """
+    residuals(start)
     size = _errors(jacobian(start))
     search = _Search(residuals, jacobian, size)
     with InterruptLater() as interrupt:
@@ -131,6 +132,7 @@ class _Search:
             "ipopt": ipopt,
         }
         options |= {"print_time": False, "error_on_fail": False, "ipopt": ipopt}
+        options["show_eval_warnings"] = False  # NaN is meant
         problem: dict[str, Any] = {"x": x, "f": cost(x, ca.DM(0, 0))}
         return ca.nlpsol("calibrate", "ipopt", problem, options)
 

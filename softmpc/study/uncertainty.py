@@ -31,8 +31,8 @@ class Uncertainty:
 class Direction:
     """A change of the parameters that the data cannot see.
 
-    `x` (P) is scaled so that its largest change, in standard deviations of the priors or in scales,
-    is 1; `effect` is by how many standard deviations the residuals then change.
+    `x` (P) is scaled so that the largest of its changes, in sizes that matter, is 1; `effect` is by
+    how many standard deviations the residuals then change.
     """
 
     x: np.ndarray
@@ -65,13 +65,12 @@ def uncertainty(J: np.ndarray, prior: np.ndarray, free: np.ndarray, scale: float
     return Uncertainty(deviations, correlation, used)
 
 
-def undetermined(J: np.ndarray, prior: np.ndarray) -> tuple[list[Direction], np.ndarray]:
+def undetermined(J: np.ndarray, size: np.ndarray) -> tuple[list[Direction], np.ndarray]:
     """Directions that the data alone cannot see, and which parameters they determine (P).
 
-    A direction is not seen where the data know it less well than the prior does, or not even to
-    within the parameter's own scale where there is none.
+    `size` (P) are changes of x that matter: the prior's standard deviation, or all of the parameter
+    where there is none. A direction is not seen where the data do not know it to within these.
     """
-    size = np.where(np.isfinite(prior), prior, 1.0)
     effects = np.linalg.norm(J * size, axis=0)
     alone = effects < np.maximum(1.0, RESOLVED * effects.max(initial=0.0))
     directions = [

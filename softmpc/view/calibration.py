@@ -36,7 +36,7 @@ def calibration_figure(found: Calibration) -> Figure:
     halves: Any = made.subfigures(2, 1, height_ratios=(height - below, below))
     upper, lower = halves
     left, right = upper.subplots(1, 2, width_ratios=(3, 2))
-    _draw_estimates(left, found)
+    _draw_estimates(upper, left, found)
     _draw_correlations(upper, right, found)
     axes = lower.subplots(1, 1)
     (_draw_bars if len(fitted) <= MOST_NAMED else _draw_points)(axes, fitted, found)
@@ -44,11 +44,17 @@ def calibration_figure(found: Calibration) -> Figure:
 
 
 def _short(path: str) -> str:
-    return path.replace("sections.", "").replace("effects.", "")
+    """The number's own name, with its section where that is not all of them, or its effect."""
+    part, _, name = path.rpartition(".")
+    if part.startswith("effects."):
+        return path.removeprefix("effects.").replace(".", " ")
+    return f"{name}, {part.replace('sections[', 'section ').rstrip(']')}" if "[" in part else name
 
 
-def _draw_estimates(axes: Axes, found: Calibration) -> None:
+def _draw_estimates(made: Any, axes: Axes, found: Calibration) -> None:
     """One row a parameter; 1 is its estimate, or its prior's mean where that is zero."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     rows = found.estimates
     spans = []
     for y, e in enumerate(rows):
@@ -56,25 +62,33 @@ def _draw_estimates(axes: Axes, found: Calibration) -> None:
         shift = 0.0 if e.estimate else 1.0  # a zero is drawn where the others have their estimate
         spans += _draw_one(axes, y, e, size, shift)
     finite = np.array([s for s in spans if np.isfinite(s)] or [1.0])
-    away = float(np.abs(finite - 1).max())
-    reach = min(max(away, 1e-4) * 1.15, 1.6)
-    axes.set_xlim(1 - reach, 1 + reach)
+    away = max(float(np.abs(finite - 1).max()), 1e-4)
+    if away < 0.8:
+        axes.set_xlim(1 - 1.15 * away, 1 + 1.15 * away)
+    else:  # what is wide is so by factors; the ends of a band may lie beyond
+        factor = min(1.3 * max(finite.max(), 1 / max(finite.min(), 0.05)), 20.0)
+        axes.set_xscale("log")
+        axes.set_xlim(1 / factor, factor)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_yticks(range(len(rows)), [_name(e) for e in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.axvline(1.0, color=INK, linewidth=0.8, zorder=0)
     axes.grid(False, axis="y")
     label(axes, "over the estimate", "", "estimates with 95 % intervals")
-    handles = [
+    handles: list[Any] = [
         axes.errorbar([], [], xerr=[], color=FOUND, fmt="o", capsize=3, label="estimate"),
         axes.plot([], [], "d", color=START, markersize=5, label="start")[0],
-        axes.plot([], [], color=PRIOR, linewidth=6, alpha=0.4, label="prior ± 1.96 sd")[0],
     ]
-    axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=3)
+    if any(e.prior for e in rows):
+        handles += axes.plot([], [], color=PRIOR, linewidth=6, alpha=0.4, label="prior ± 1.96 sd")
+    made.legend(handles=handles, loc="outside lower left", ncols=3)
 
 
 def _name(e: Estimate) -> str:
     value = f"{e.estimate:.4g} {e.unit}".rstrip()
-    note = f" (at its {e.bound} bound)" if e.bound else "" if e.determined else " (open)"
+    note = f" (at its {e.bound} bound)" if e.bound else "" if e.determined else " (not by data)"
     return f"{_short(e.path)}\n{value}{note}"
 
 
@@ -82,10 +96,13 @@ def _draw_one(axes: Axes, y: int, e: Estimate, size: float, shift: float) -> lis
     """Draw one parameter; returns the places that should be seen."""
     places = [e.start / size + shift]
     if e.prior:
-        half = 1.96 * e.prior[1] / size
-        middle = e.prior[0] / size + shift
-        axes.plot([middle - half, middle + half], [y, y], color=PRIOR, linewidth=6, alpha=0.4)
-        places += [middle - half, middle + half]
+        mean, deviation = e.prior
+        band = np.array([mean - 1.96 * deviation, mean + 1.96 * deviation])
+        if e.log:
+            band = mean * np.exp(np.array([-1.96, 1.96]) * deviation / mean)
+        band = np.clip(band, e.low, e.high) / size + shift
+        axes.plot(band, [y, y], color=PRIOR, linewidth=6, alpha=0.4, solid_capstyle="butt")
+        places += band.tolist()
     if np.isfinite(e.low95) and np.isfinite(e.high95):
         ends = np.array([e.low95, e.high95]) / size + shift
         at = e.estimate / size + shift
@@ -104,7 +121,7 @@ def _draw_correlations(made: Any, axes: Axes, found: Calibration) -> None:
     picture = axes.imshow(found.correlation, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     axes.set_facecolor("#E8E8E8")
     axes.set_xticks(range(len(names)), names, rotation=40, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(len(names)), [])
+    axes.set_yticks([])
     axes.grid(False)
     for i, j in np.argwhere(np.isfinite(found.correlation)):
         value = found.correlation[i, j]
