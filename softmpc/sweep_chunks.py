@@ -138,8 +138,8 @@ def run_packed(work: bytes, cases: bytes, begun: Callable[[int], None] | None = 
         loaded, given = _unpacked(work), pickle.loads(cases)
     except Exception as error:
         text = (
-            f"a worker cannot load this or the work ({type(error).__name__}: {error}); modules that "
-            "they come from must be there, and what is typed into a session is not"
+            f"a worker cannot load this or the work ({type(error).__name__}: {error}); it must be "
+            "able to import their modules, which what is typed into a session does not have"
         )
         return Failure(None, text, wrong_input=True, trace=traceback.format_exc())
     return run(loaded, given, begun)

@@ -226,7 +226,7 @@ def test_work_that_cannot_be_sent() -> None:
     assert sweep(lambda case: case, [1], executor=1) == [1]
     with pytest.raises(InputError, match=r"case 0 <function .* cannot be sent"):
         sweep(abs, [lambda: 1], executor=2)
-    with pytest.raises(InputError, match="case 0 .* a worker cannot load this or the work .*Zero"):
+    with pytest.raises(InputError, match=r"case 0 .* a worker cannot load this or the work .*Zero"):
         sweep(abs, [sweep_work.NotLoaded()], executor=2)
 
 
