@@ -247,3 +247,37 @@ def test_topics_are_done_in_the_order_of_the_paper() -> None:
     assert [t.key for t in done.topics] == ["drive", "limit-x"]
     assert seen == [(1, 2), (2, 2)]
     assert {t.key for t in found().topics} < set(TOPICS)
+
+
+# ---------------------------------------------------------------- workspace of Fig. 5a
+
+
+def closed_tips(section: Section, reading: str, most: float, steps: int = 61) -> np.ndarray:
+    """Tips (K×3) of a weightless section at a grid of pressures, arcs on paper; ε up to `most`."""
+    share = np.linspace(0, PA, steps)
+    p = np.stack(np.meshgrid(share, share, share), axis=-1).reshape(-1, 3)
+    pull = section.unit_area * section.unit_offset * p @ np.exp(1j * np.array(section.unit_angles))
+    kappa = np.abs(pull) / section.bending_stiffness  # bends away from where it pulls
+    extra = 0.5 * section.bending_stiffness * kappa**2 if reading == OURS else 0.0
+    epsilon = (section.unit_area * p.sum(axis=1) + extra) / section.axial_stiffness
+    epsilon = epsilon / section.length if reading == AS_PRINTED else epsilon
+    kappa, pull, epsilon = (x[epsilon <= most] for x in (kappa, pull, epsilon))
+    arc = section.length * (1 + epsilon)
+    side = arc * np.sinc(kappa * arc / 2 / np.pi) * np.sin(kappa * arc / 2)
+    way = -pull / np.maximum(np.abs(pull), 1e-300)
+    return np.stack([side * way.real, side * way.imag, arc * np.sinc(kappa * arc / np.pi)], axis=1)
+
+
+@pytest.mark.slow
+def test_workspace_is_that_of_all_pressures() -> None:
+    (workspace,) = reproduce(only=["workspace"]).topics
+    rows = {row.what: dict(row.values) for row in workspace.rows}
+    for reading in (AS_PRINTED, AS_READ, OURS):
+        tips = closed_tips(ARM.sections[0], reading, ARM.limits.stretch_max)
+        sizes = [rows[f"extent along {axis}"][reading][0] for axis in "xyz"]
+        lacking = sizes - np.ptp(tips, axis=0)  # of the grid, which misses the edges a little
+        assert np.all(lacking > -1e-6), reading
+        assert np.all(lacking < (20e-3 if reading == AS_PRINTED else 1e-3)), reading
+    assert rows["z of the tip, lowest and highest"][OURS][1] == pytest.approx(
+        closed_tips(ARM.sections[0], OURS, 2.0, 2)[:, 2].max(), abs=1e-6
+    )

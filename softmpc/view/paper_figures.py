@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from softmpc.study.paper_motions import MOTIONS
+from softmpc.view.paper_limit_figures import limits_figure
 from softmpc.view.paper_motion_figures import coordinates_figure, trajectory_figure
 from softmpc.view.paper_posture_figures import (
     final_pose_figure,
@@ -26,6 +27,7 @@ Draw = Callable[["PaperRuns", str], "Figure"]  # of the runs, under a title
 
 # Name of the figure's file -> the topic it belongs to, what it shows, and what draws it.
 FIGURES: dict[str, tuple[str, str, Draw]] = {
+    "fig5": ("workspace", "limits without gravity", limits_figure),
     "fig6": ("fig6", MOTIONS["fig6"].title, partial(trajectory_figure, "fig6")),
     "fig7": ("fig7", MOTIONS["fig7"].title, partial(trajectory_figure, "fig7")),
     "fig8": ("fig8", MOTIONS["fig8"].title, partial(trajectory_figure, "fig8")),

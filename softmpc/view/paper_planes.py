@@ -18,12 +18,12 @@ COARSE: dict[str, Any] = {"linestyle": (0, (5, 1.5)), "linewidth": 1.2}  # the p
 FINE_POINTS = 60  # of a section's centre line
 
 
-def frame_plane(axes: Axes, arm: Arm, box: np.ndarray, title: str = "") -> None:
-    """Equal scales around `box` (2×3), z down for a hanging arm, and the base."""
+def frame_plane(axes: Axes, arm: Arm, box: np.ndarray, title: str = "", down: bool = False) -> None:
+    """Equal scales around `box` (2×3), z down for a hanging arm or if asked, and the base."""
     axes.plot(*base_plate(arm)[:, [0, 2]].T, color=GREY, linewidth=3, zorder=2.4)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(*box[:, 0])
-    axes.set_ylim(*(box[::-1, 2] if arm.hangs else box[:, 2]))
+    axes.set_ylim(*(box[::-1, 2] if down or arm.hangs else box[:, 2]))
     even_ticks(axes.xaxis, box[:, 0], box)
     even_ticks(axes.yaxis, box[:, 2], box)
     label(axes, "x (m)", "z (m)", title)
