@@ -54,7 +54,7 @@ def test_preset_v1_is_frozen() -> None:
 
 def test_preset_by_name() -> None:
     assert preset("chen2022-v1") is chen2022(1) is PRESETS["chen2022-v1"]
-    with pytest.raises(ParameterError, match=r"'chen2022'; did you mean 'chen2022-v1'\?"):
+    with pytest.raises(ParameterError, match=r"'chen2022'; did you mean 'chen2022-v2'\?"):
         preset("chen2022")
     with pytest.raises(ParameterError, match="chen2022-v9"):
         chen2022(9)

@@ -91,7 +91,7 @@ def _rows(top: Table, key: str) -> list[Table]:
     value = top.raw(key, [])
     if not isinstance(value, list):
         raise top.error(key, value, f"tables, each headed [[{key}]]")
-    return [Table(row, f"[[{key}]] {number}:") for number, row in enumerate(value, 1)]
+    return [Table(row, f"[[{key}]] {number}") for number, row in enumerate(value, 1)]
 
 
 def _parameter(row: Table) -> FreeParameter:
@@ -137,7 +137,7 @@ def _inputs(row: Table) -> dict[str, Any]:
 
 
 def _pose(row: Table, scene: Scene) -> StaticPose:
-    number = row.where.split()[-1].rstrip(":")
+    number = row.where.split()[-1]
     about = _common(row, f"pose {number}") | _inputs(row)
     tips = _numbers(row, "tips_m")
     sigma: Any = row.raw("sigma_m")
@@ -166,7 +166,7 @@ def _poses(row: Table, scene: Scene, folder: Path) -> list[StaticPose]:
 
 
 def _motion(row: Table, scene: Scene, folder: Path) -> MotionRecord:
-    number = row.where.split()[-1].rstrip(":")
+    number = row.where.split()[-1]
     about = _common(row, f"motion {number}")
     inputs, measured = folder / row.string("inputs"), row.string("measured")
     hold, start = row.boolean("hold", False), row.string("start", "rest", ("rest", "straight"))

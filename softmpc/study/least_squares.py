@@ -53,9 +53,9 @@ def minimise(
     search is scaled; an x no further from a bound than it resolves is put there. After Ctrl-C the
     best x so far is returned.
     """
-    residuals(start)
+    first = 0.5 * float(np.sum(residuals(start) ** 2))
     size = _errors(jacobian(start))
-    search = _Search(residuals, jacobian, size)
+    search = _Search(residuals, jacobian, size, (first, start))
     with InterruptLater() as interrupt:
         search.interrupt = interrupt
         solver = search.solver(tolerance, most_iterations)
@@ -98,9 +98,14 @@ def _errors(J: np.ndarray) -> np.ndarray:
 class _Search:
     """The three callbacks of one search, of y = x / size, and the best x so far."""
 
-    def __init__(self, residuals: Residuals, jacobian: Residuals, size: np.ndarray) -> None:
-        self.residuals, self.jacobian, self.size = residuals, jacobian, size
-        self.best: tuple[float, np.ndarray] = (np.inf, 0 * size)
+    def __init__(
+        self,
+        residuals: Residuals,
+        jacobian: Residuals,
+        size: np.ndarray,
+        first: tuple[float, np.ndarray],
+    ) -> None:
+        self.residuals, self.jacobian, self.size, self.best = residuals, jacobian, size, first
         self.error: BaseException | None = None
         self.interrupt: InterruptLater | None = None
 

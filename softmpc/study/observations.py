@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from softmpc.errors import InputError, unknown_name
+from softmpc.model.effects import EFFECTS
 from softmpc.model.scene import Scene
 from softmpc.simulation.inputs import InputProfile
 from softmpc.study.arm_at import ArmAt
@@ -207,8 +208,8 @@ def numbers_of(
 
 
 def check_without(scene: Scene, without: Sequence[str], name: str) -> None:
-    """Raise `InputError` for an effect that the scene does not have."""
-    allowed = [effect.name for effect in scene.effects]
+    """Raise `InputError` for an effect that nobody knows."""
+    allowed = dict.fromkeys(effect.name for effect in (*scene.effects, *EFFECTS))
     for effect in without:
         if effect not in allowed:
             raise InputError(f"{name}: without: {unknown_name('effect', effect, allowed)}")
