@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +16,7 @@ from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.statics.active_limits import ActiveLimits
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium, refine_equilibrium
+from softmpc.statics.inverse_candidate import HIT, Candidate
 from softmpc.statics.inverse_program import InverseProgram
 from softmpc.statics.inverse_result import (
     NO_CONVERGENCE,
@@ -30,41 +30,15 @@ from softmpc.statics.rest_costs import LeastPressure, RestCost
 from softmpc.statics.rest_limits import torques_at_rest
 from softmpc.statics.rest_spread import Spread
 from softmpc.statics.sensitivities import Sensitivities, tip_compliance
-from softmpc.statics.targets import Target, as_targets, lengths
+from softmpc.statics.targets import Target, as_targets
 
 __all__ = ["InverseStatics"]
 
-HIT = 1e-6  # m, nearer counts as there
 SAME = 1e-5  # m, nearer is the same posture
 STARTS = 32  # postures of the spread, before a target counts as out of reach
+FEW = 6  # as many will do where nothing of the spread lies beyond the nearest posture
 
 Targets = Target | Iterable[Target]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An optimum, as the arm itself sees it."""
-
-    solution: RestSolution | None  # None for a posture that nothing led to
-    posture: Equilibrium
-    on_rest_branch: bool
-    distance: float
-    angle: float
-    miss: float  # m, of both
-    cost: float
-
-    @property
-    def good(self) -> bool:
-        """Whether the arm comes here, and stays."""
-        return self.on_rest_branch and self.posture.stable
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """The lower the better: first what hits and can be reached at rest."""
-        if self.miss <= HIT:
-            trouble = 0 if self.good else 1 if self.posture.stable else 2
-            return trouble, self.cost
-        return 3 if self.good else 4, self.miss
 
 
 class InverseStatics:
@@ -109,8 +83,8 @@ class InverseStatics:
         """The posture that holds one target or several at once.
 
         It is sought from `start`, then from the nearest postures of the spread, until `compare` of
-        them led to postures that hold the targets and are stable; the best one is returned. The
-        cost of more than one start is for those who want the lowest of several local optima.
+        them led to postures that hold the targets and are stable; the best one is returned. More
+        than one is for those who want the lowest of several local optima of the cost.
         """
         began = time.perf_counter()
         wanted = as_targets(targets, len(self.model.scene.manipulator.sections))
@@ -125,7 +99,7 @@ class InverseStatics:
             if best is None or candidate.rank < best.rank:
                 best = candidate
             good += candidate.rank[0] == 0
-            if good >= compare:
+            if good >= compare or (starts >= FEW and self._is_outermost(best, wanted)):
                 break
         return self._result(wanted, best, iterations, starts, time.perf_counter() - began)
 
@@ -202,21 +176,35 @@ class InverseStatics:
             inside = np.clip(start.pressures, limits.low, limits.high)
             last = _solution_of(start, targets)
             yield last or self.program.guess(start.q, inside, nothing)
-        misses = self._miss(targets, self.spread.tips, self.spread.rotations)
+        misses = np.linalg.norm(self._spread_off(targets), axis=1)
         for rest in self.spread.starts(misses, self.starts):
             yield self.program.guess(rest.q, rest.pressures, nothing)
 
     # --- what was found --------------------------------------------------------------------------
 
-    def _miss(
+    def _off(
         self, targets: tuple[Target, ...], tips: np.ndarray, rotations: np.ndarray
     ) -> np.ndarray:
-        """What is priced (m), of N postures."""
-        squares = [
-            distance**2 + (self.angle_length * angle) ** 2
-            for distance, angle in (target.errors(tips, rotations) for target in targets)
+        """What is priced (N×k, m), of N postures."""
+        parts = [
+            (target.seen(tips, rotations) - target.values)
+            * (self.angle_length if target.turns else 1.0)
+            for target in targets
         ]
-        return np.asarray(np.sqrt(np.sum(squares, axis=0)))
+        return np.hstack(parts)
+
+    def _spread_off(self, targets: tuple[Target, ...]) -> np.ndarray:
+        return self._off(targets, self.spread.tips, self.spread.rotations)
+
+    def _is_outermost(self, best: Candidate | None, targets: tuple[Target, ...]) -> bool:
+        """Whether all of the spread is behind a plane at a near miss, across the way that is left.
+
+        Were the target in reach, there should be postures on its side of the plane.
+        """
+        if best is None or not best.good or best.miss <= HIT:
+            return False
+        off = self._off(targets, best.posture.tips[None], best.posture.rotations[None])[0]
+        return bool(np.all((self._spread_off(targets) - off) @ off >= 0))
 
     def _judge(self, found: RestSolution, targets: tuple[Target, ...]) -> Candidate:
         """Whether the arm comes to that posture, by continuation from rest, and how near it is."""
@@ -228,7 +216,7 @@ class InverseStatics:
         return self._candidate(found, posture, same, targets)
 
     def _nearest_start(self, targets: tuple[Target, ...]) -> Candidate:
-        k = int(np.argmin(self._miss(targets, self.spread.tips, self.spread.rotations)))
+        k = int(np.argmin(np.linalg.norm(self._spread_off(targets), axis=1)))
         posture = self.spread.postures[k]
         return self._candidate(None, posture, posture.converged, targets)
 
@@ -239,9 +227,13 @@ class InverseStatics:
         same: bool,
         targets: tuple[Target, ...],
     ) -> Candidate:
-        tips, rotations = posture.tips[None], posture.rotations[None]
-        distance, angle = (float(x[0]) for x in lengths(targets, tips, rotations))
-        miss = float(self._miss(targets, tips, rotations)[0])
+        tips, rotations = posture.tips, posture.rotations
+        errors = [(target.turns, target.error(tips, rotations)) for target in targets]
+        distance, angle = (
+            max((error for turns, error in errors if turns is kind), default=0.0)
+            for kind in (False, True)
+        )
+        miss = float(np.linalg.norm(self._off(targets, tips[None], rotations[None])))
         cost = float("nan")
         if found is not None:
             cost = float(self._inverse(targets).cost(found.point[0], found.parameters))

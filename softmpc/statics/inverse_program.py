@@ -37,8 +37,8 @@ class InverseProgram:
         for k, target in enumerate(targets):
             i = target.index(len(program.tips))
             symbols.append(ca.SX.sym(f"target_{k}", len(target.values)))
-            place, turn = target.misses(program.tips[i], program.rotations[i], symbols[-1])
-            off += [place / length, turn * (angle_length / length)]
+            missed = target.features(program.tips[i], program.rotations[i]) - symbols[-1]
+            off.append(missed * (angle_length if target.turns else 1.0) / length)
         count = sum(part.numel() for part in off)
         miss, free = ca.SX.sym("miss", count), np.full(count, np.inf)
         extra = Extra(

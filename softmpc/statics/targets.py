@@ -5,8 +5,9 @@ A full pose is a position and an orientation.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from softmpc.errors import InputError
 
-__all__ = ["Direction", "Orientation", "Position", "Target", "as_targets", "lengths"]
+__all__ = ["Direction", "Orientation", "Position", "Target", "as_targets"]
 
 ORTHONORMAL = 1e-3  # largest error of R Rᵀ that counts as rounding
 AXES = "xyz"
@@ -32,6 +33,7 @@ class Target(ABC):
     section: int | None = field(default=None, kw_only=True)
 
     name: ClassVar[str]
+    turns: ClassVar[bool] = True  # whether what it misses is an angle, else a distance
 
     @property
     def kind(self) -> tuple[Any, ...]:
@@ -41,15 +43,21 @@ class Target(ABC):
     @property
     @abstractmethod
     def values(self) -> np.ndarray:
-        """What the program takes as parameters."""
+        """What the program takes as parameters: the features that are wanted (k)."""
 
     @abstractmethod
-    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """How far the tip is off: by place (m), and by angle (rad, for small angles)."""
+    def features(self, tip: Any, rotation: Any) -> Any:
+        """What of a tip's place (3) and orientation (3×3) must have these values (k)."""
 
-    @abstractmethod
-    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (m) and angle (rad) of N postures: section tips (N×S×3, N×S×3×3)."""
+    def seen(self, tips: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+        """Features (N×k) of N postures, section tips (N×S×3, N×S×3×3)."""
+        i = self.index(tips.shape[1])
+        return np.array([self.features(tips[n, i], rotations[n, i]) for n in range(len(tips))])
+
+    def error(self, tips: np.ndarray, rotations: np.ndarray) -> float:
+        """Distance (m) or angle (rad) of one posture, section tips (S×3, S×3×3)."""
+        off = float(np.linalg.norm(self.seen(tips[None], rotations[None])[0] - self.values))
+        return 2 * math.asin(min(off / 2, 1.0)) if self.turns else off
 
     @abstractmethod
     def moves(self) -> tuple[list[str], np.ndarray]:
@@ -74,6 +82,7 @@ class Position(Target):
     place: tuple[float | None, ...]
 
     name: ClassVar[str] = "position"
+    turns: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         given = list(self.place)
@@ -98,13 +107,8 @@ class Position(Target):
     def values(self) -> np.ndarray:
         return np.array([self.place[i] for i in self._fixed], float)
 
-    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
-        return tip[self._fixed] - values, ca.SX(0, 1)
-
-    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        at = tips[:, self.index(tips.shape[1])]
-        off = at[:, self._fixed] - self.values
-        return np.linalg.norm(off, axis=1), np.zeros(len(at))
+    def features(self, tip: Any, rotation: Any) -> Any:
+        return tip[self._fixed]
 
     def moves(self) -> tuple[list[str], np.ndarray]:
         return [AXES[i] for i in self._fixed], np.eye(len(self._fixed))
@@ -131,12 +135,8 @@ class Direction(Target):
     def values(self) -> np.ndarray:
         return np.array(self.axis)
 
-    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
-        return ca.SX(0, 1), rotation[:, 2] - values
-
-    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        pointing = rotations[:, self.index(tips.shape[1]), :, 2]
-        return np.zeros(len(tips)), _angle(np.linalg.norm(pointing - self.values, axis=1))
+    def features(self, tip: Any, rotation: Any) -> Any:
+        return rotation[:, 2]
 
     def moves(self) -> tuple[list[str], np.ndarray]:
         return [f"turn_{axis}" for axis in AXES], _turned(self.values)
@@ -167,18 +167,18 @@ class Orientation(Target):
 
     @property
     def values(self) -> np.ndarray:
-        return np.ravel(self.rotation, order="F")
+        return np.asarray(self.features(None, np.array(self.rotation)))
 
-    def misses(self, tip: ca.SX, rotation: ca.SX, values: ca.SX) -> tuple[ca.SX, ca.SX]:
-        return ca.SX(0, 1), (ca.vec(rotation) - values) / np.sqrt(2)
-
-    def errors(self, tips: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        off = rotations[:, self.index(tips.shape[1])] - np.array(self.rotation)
-        return np.zeros(len(tips)), _angle(np.linalg.norm(off, axis=(1, 2)) / np.sqrt(2))
+    def features(self, tip: Any, rotation: Any) -> Any:
+        columns = [rotation[:, k] for k in range(3)]
+        stacked = (
+            np.concatenate(columns) if isinstance(rotation, np.ndarray) else ca.vertcat(*columns)
+        )
+        return stacked / math.sqrt(2)  # so that their distance is 2 sin(angle/2), as of directions
 
     def moves(self) -> tuple[list[str], np.ndarray]:
-        turns = [_turned(column) for column in np.transpose(self.rotation)]
-        return [f"turn_{axis}" for axis in AXES], np.vstack(turns)
+        turns = np.vstack([_turned(column) for column in np.transpose(self.rotation)])
+        return [f"turn_{axis}" for axis in AXES], turns / math.sqrt(2)
 
 
 def as_targets(targets: Target | Iterable[Target], sections: int) -> tuple[Target, ...]:
@@ -196,15 +196,6 @@ def as_targets(targets: Target | Iterable[Target], sections: int) -> tuple[Targe
     return given
 
 
-def lengths(
-    targets: Sequence[Target], tips: np.ndarray, rotations: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Largest distance (m) and angle (rad) from the targets, of each of N postures."""
-    pairs = [target.errors(tips, rotations) for target in targets]
-    distances, angles = (np.max(part, axis=0) for part in zip(*pairs, strict=True))
-    return distances, angles
-
-
 def _finite(name: str, values: ArrayLike, unit: str) -> np.ndarray:
     try:
         numbers = np.asarray(values, float)
@@ -213,11 +204,6 @@ def _finite(name: str, values: ArrayLike, unit: str) -> np.ndarray:
     if not np.all(np.isfinite(numbers)):
         raise InputError(f"{name} = {numbers.tolist()} {unit}".rstrip() + ": must be finite")
     return numbers
-
-
-def _angle(chords: np.ndarray) -> np.ndarray:
-    """Angle between unit vectors whose ends are that far apart; exact for small ones too."""
-    return np.asarray(2 * np.arcsin(np.minimum(chords / 2, 1.0)))
 
 
 def _turned(v: np.ndarray) -> np.ndarray:

@@ -97,5 +97,5 @@ def batch_figure(
     if len(loose):
         axes.plot(*loose.T, "o", color=INK, markersize=7, fillstyle="none",
                   label=f"not stable: {len(loose)}")  # fmt: skip
-    made.legend(loc="outside lower center", ncols=4)
+    made.legend(loc="outside upper left", ncols=4)
     return made
