@@ -7,7 +7,7 @@ Paper's arm, both sections, at 1 and 2 segments a section, without and with a lo
 Inside: tips of random admissible pressures, half of them with units at their limits. How many are
 solved to 0.01 mm, with pressures within the limits, stable and on the branch of the straight arm;
 milliseconds a target (median, 95 % quantile): cold, from the spread of postures alone; compared,
-cold with the best of five starts; warm, along a path of 3 mm steps from each of some targets.
+cold with the best of five starts; warm, along paths in steps of 3 mm.
 
 Outside: random places in a box half as large again, all that a dense search finds further away
 than 0.1 mm: the nearest of many random postures, refined by SciPy's bounded least squares over the
@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -37,7 +38,8 @@ from softmpc.statics.targets import Position
 LOAD = TipLoad(force=(0.6, -0.4, 1.0))
 HIT = 1e-5  # m
 STEP = 3e-3  # m, of a path
-REFINED = 8  # nearest postures of the dense search that are refined
+SAMPLES = 250  # of a path, finer than the steps
+REFINED = 5  # nearest postures of the dense search that are refined
 
 
 def scenes() -> Iterator[tuple[str, Scene]]:
@@ -49,7 +51,7 @@ def scenes() -> Iterator[tuple[str, Scene]]:
 
 
 def random_pressures(model: Model, count: int, seed: int) -> np.ndarray:
-    """Half of them anywhere between the limits, half with each unit at a limit or not, at random."""
+    """Half of them anywhere within the limits, half with units at either limit, at random."""
     rng, limits = np.random.default_rng(seed), rest_limits(model)
     shares = rng.uniform(size=(count, len(limits.low)))
     ends = rng.choice([0.0, 1.0, np.nan], p=[0.4, 0.2, 0.4], size=shares.shape)
@@ -66,29 +68,30 @@ def tips_of(model: Model, pressures: np.ndarray) -> np.ndarray:
 
 def inside(model: Model, inverse: InverseStatics, count: int) -> None:
     targets = tips_of(model, random_pressures(model, count, seed=1))
-    inverse.solve(Position(targets[0]))  # build the program
-    cold = [inverse.solve(Position(place)) for place in targets]
-    compared = [inverse.solve(Position(place), compare=5) for place in targets[: count // 5]]
+    inverse.solve(Position(tuple(targets[0])))  # build the program
+    cold = [inverse.solve(Position(tuple(place))) for place in targets]
+    compared = [inverse.solve(Position(tuple(place)), compare=5) for place in targets[: count // 5]]
     print(f"  inside, cold:     {summary(model, cold, targets)}")
     print(f"  inside, compared: {summary(model, compared, targets)}")
     gain = np.array([a.cost / b.cost for a, b in zip(cold, compared, strict=False)]) - 1
     print(f"    cost of the first start above the best of five: more than 1 % for "
           f"{np.mean(gain > 0.01):.1%}, {gain.max():.0%} at most")  # fmt: skip
-    warm, places = along_paths(inverse, cold[: max(count // 50, 4)], steps=20)
+    warm, places = along_paths(model, inverse, max(count // 100, 3))
     print(f"  warm, 3 mm steps: {summary(model, warm, places)}", flush=True)
 
 
 def along_paths(
-    inverse: InverseStatics, starts: list[InverseResult], steps: int
+    model: Model, inverse: InverseStatics, count: int
 ) -> tuple[list[InverseResult], np.ndarray]:
-    """From each start towards the next one; results, places."""
+    """Tip paths of pressures that go straight from one random draw to the next; results, places."""
     results, places = [], []
-    for here, there in zip(starts, starts[1:], strict=False):
-        way = there.tips[-1] - here.tips[-1]
-        far = float(np.linalg.norm(way))
-        count = min(steps, int(far / STEP))
-        line = [here.tips[-1] + k * STEP * way / far for k in range(1, count + 1)]
-        results += inverse.solve_path([Position(place) for place in line], here)
+    for here, there in pairwise(random_pressures(model, count + 1, seed=4)):
+        tips = tips_of(model, here + np.linspace(0, 1, SAMPLES)[:, None] * (there - here))
+        line = [tips[0]]
+        for tip in tips:
+            if np.linalg.norm(tip - line[-1]) >= STEP:
+                line.append(tip)
+        results += inverse.solve_path([Position(tuple(place)) for place in line])
         places += line
     return results, np.array(places)
 
@@ -162,7 +165,7 @@ def outside(model: Model, inverse: InverseStatics, count: int, postures: int) ->
         place = (low + high) / 2 + 1.5 * (high - low) / 2 * rng.uniform(-1, 1, 3)
         least = dense.distance(place)
         if least > 1e-4:
-            results.append(inverse.solve(Position(place)))
+            results.append(inverse.solve(Position(tuple(place))))
             gaps.append(results[-1].distance - least)
     said = sum(r.status == "unreachable" for r in results)
     ms = 1e3 * np.array([r.seconds for r in results])
