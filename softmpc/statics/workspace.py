@@ -16,7 +16,7 @@ from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.statics.rest_limits import RestLimits, rest_limits
 from softmpc.statics.workspace_edge import Edge, EdgeSearch
-from softmpc.statics.workspace_frame import flat_azimuth, frame_of
+from softmpc.statics.workspace_frame import azimuths_for, flat_azimuth, frame_of
 from softmpc.statics.workspace_limits import EXTENTS, QUANTITIES, Extreme
 from softmpc.statics.workspace_rays import Place
 from softmpc.statics.workspace_result import Workspace
@@ -90,7 +90,7 @@ class _Finding:
         self.flat = flat_azimuth(self.samples.tips, self.model.scene.manipulator.length)
         self.frame = frame_of(self.samples.tips, self.flat)
         extremes = self._extremes()
-        self.azimuths = np.arange(self.many_azimuths) * 2 * np.pi / self.many_azimuths
+        self.azimuths = azimuths_for(self.samples.tips, self.frame, self.many_azimuths)
         if self.flat is not None:
             self.azimuths = np.array([0.0, np.pi])
         self.nodes, _ = clenshaw_curtis(self.many_polars)
@@ -141,7 +141,8 @@ class _Finding:
     def work(self) -> SearchWork:
         """The searches, from the samples."""
         held = tuple(sorted(self.held.items()))
-        return SearchWork(self.model.scene, self.section, held, self.frame, self.samples)
+        flat = self.flat is not None
+        return SearchWork(self.model.scene, self.section, held, self.frame, flat, self.samples)
 
     def _extremes(self) -> tuple[Extreme, ...]:
         sections = range(1, len(self.model.scene.manipulator.sections) + 1)

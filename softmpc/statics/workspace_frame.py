@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["flat_azimuth", "frame_of"]
+__all__ = ["azimuths_for", "flat_azimuth", "frame_of"]
 
 FLAT = 1e-7  # of the arm's length
 
@@ -36,6 +36,27 @@ def frame_of(tips: np.ndarray, flat: float | None) -> np.ndarray:
     side = first - axis * (axis @ first)
     side /= np.linalg.norm(side)
     return np.stack([side, np.cross(axis, side), axis], axis=1)
+
+
+def azimuths_for(tips: np.ndarray, frame: np.ndarray, count: int) -> np.ndarray:
+    """Azimuths of `count` half-planes (rad, rising): even, but for those moved to where rims peak.
+
+    Rims have a peak at each corner of the box of pressures; lines from one side of a peak to the
+    other would cut it off.
+    """
+    even = np.arange(count) * 2 * np.pi / count
+    x, y, z = (tips @ frame).T
+    azimuth = np.mod(np.arctan2(y, x), 2 * np.pi)
+    polar = np.arctan2(np.hypot(x, y), z)
+    moved = even.copy()
+    for k in np.argsort(-polar):
+        away = np.abs(np.angle(np.exp(1j * (azimuth - azimuth[k]))))
+        if polar[k] < polar[away < np.pi / count].max() or np.hypot(x[k], y[k]) < 1e-9:
+            continue  # no peak
+        i = int(np.argmin(np.abs(np.angle(np.exp(1j * (even - azimuth[k]))))))
+        if moved[i] == even[i]:
+            moved[i] = even[i] + np.angle(np.exp(1j * (azimuth[k] - even[i])))
+    return np.sort(moved)
 
 
 def _surrounds(tips: np.ndarray, flat: float | None) -> bool:

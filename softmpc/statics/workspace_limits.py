@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from softmpc.model.model import Model
-from softmpc.statics.program import Extra
+from softmpc.statics.program import Extra, RestSolver
 from softmpc.statics.workspace_rays import Place, RaySearch, Search, Start
 
 __all__ = ["EXTENTS", "QUANTITIES", "Extreme", "ExtremeSearch", "section_shape"]
@@ -52,7 +52,7 @@ class ExtremeSearch:
 
     def __init__(self, rays: RaySearch) -> None:
         self.rays = rays
-        self._searches: dict[tuple[str, int], Search] = {}
+        self._searches: dict[tuple[str, int], RestSolver] = {}
 
     def find(
         self, quantity: str, section: int, sign: int, starts: list[Start]
@@ -60,10 +60,14 @@ class ExtremeSearch:
         """The place of largest value (`sign` -1: smallest), and that value."""
         key = (quantity, section)
         if key not in self._searches:
-            self._searches[key] = self._search(*key)
+            self._searches[key] = self._solver(*key)
         best = sorted(starts, key=lambda s: -sign * self._score(quantity, section, s))
-        spread = best[:3] + best[3:30:9]
-        place = self.rays.best(self._searches[key], np.array([float(sign)]), spread)
+        search = Search(
+            self._searches[key],
+            lambda found: -found.objective,
+            lambda start: sign * self._scaled(quantity, section, start),
+        )
+        place = self.rays.best(search, np.array([float(sign)]), best[:3] + best[3:30:9])
         return place, float("nan") if place is None else self.value(quantity, section, place)
 
     def value(self, quantity: str, section: int, at: Place | Start) -> float:
@@ -83,16 +87,27 @@ class ExtremeSearch:
         value = self.value(quantity, section, start)
         return value if np.isfinite(value) else 1e9
 
-    def _search(self, quantity: str, section: int) -> Search:
+    def _scaled(self, quantity: str, section: int, start: Start) -> float:
+        """The value as the program has it."""
+        value = self.value(quantity, section, start)
+        if quantity == "bending_angle":
+            return value
+        if quantity == "radius":
+            return -self._rest(section) / value
+        return value / (self._rest(section) if quantity == "arc_length" else self.rays.length)
+
+    def _rest(self, section: int) -> float:
+        return self.rays.model.scene.manipulator.sections[section - 1].length
+
+    def _solver(self, quantity: str, section: int) -> RestSolver:
         """Parameters: the sign, then the most."""
         rays, sign = self.rays, ca.SX.sym("sign")
         length, angle = section_shape(rays.model, rays.program.q, section)
-        rest = rays.model.scene.manipulator.sections[section - 1].length
+        rest = self._rest(section)
         value = {
             "bending_angle": angle,
             "arc_length": length / rest,
             "radius": -angle * rest / length,  # the least of one over it is the largest radius
             **dict(zip(EXTENTS, ca.vertsplit(rays.place), strict=True)),
         }[quantity]
-        solver = rays.solver(sign * value, Extra(), ca.SX(0, 1), sign)
-        return Search(solver, lambda found: -found.objective)
+        return rays.solver(sign * value, Extra(), ca.SX(0, 1), sign)

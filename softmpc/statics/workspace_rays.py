@@ -65,6 +65,7 @@ class Search:
 
     solver: RestSolver
     value: Callable[[RestSolution], float]
+    worth: Callable[[Start], float]  # the value at a start
     # further variables at a start, and where the tip is expected at a solution
     guess: Callable[[Start], list[float]] = lambda start: []
     at: Callable[[RestSolution], np.ndarray] | None = None
@@ -74,6 +75,7 @@ class RaySearch:
     """Searches for one place on the arm, the tip of `section` (1, 2, …), of one model.
 
     Polar angles are from the third column of `frame` (3×3), azimuths from the first to the second.
+    A `flat` arm moves in the plane of the first and third only, so rows across it are left out.
     """
 
     def __init__(
@@ -82,10 +84,12 @@ class RaySearch:
         section: int,
         held: Mapping[int, float] | None = None,
         frame: Any = None,
+        flat: bool = False,
     ) -> None:
         self.model, self.section = model, section
         self.program = RestProgram(model, held)
         self.frame = np.eye(3) if frame is None else np.asarray(frame, float)
+        self.flat = flat
         self.length = model.scene.manipulator.length
         self.place: ca.SX = self.program.tips[section - 1] / self.length
 
@@ -112,6 +116,7 @@ class RaySearch:
         """Go from a place along a direction as far as possible, or as little (sign -1)."""
         s, given = ca.SX.sym("s"), ca.SX.sym("given", 7)
         off = self.place - given[:3] - s * given[3:6]
+        off = ca.mtimes(ca.DM(self.frame[:, [0, 2]].T), off) if self.flat else off
         return self.solver(given[6] * s, Extra(s, np.zeros(1), np.full(1, FAR)), off, given)
 
     @cached_property
@@ -121,7 +126,8 @@ class RaySearch:
         s, polar = turn[0], turn[1]
         x, y, z = ca.vertsplit(ca.mtimes(ca.DM(self.frame.T), self.place))
         out, beside = given[0] * x + given[1] * y, given[0] * y - given[1] * x
-        off = ca.vertcat(out - s * ca.sin(polar), z - s * ca.cos(polar), beside)
+        off = ca.vertcat(out - s * ca.sin(polar), z - s * ca.cos(polar))
+        off = off if self.flat else ca.vertcat(off, beside)
         extra = Extra(turn, np.zeros(2), np.array([FAR, np.pi]))
         return self.solver(given[2] * polar, extra, off, given)
 
@@ -139,10 +145,15 @@ class RaySearch:
         None where no start led to a place on the ray that holds.
         """
         base = np.asarray(origin, float) / self.length
+
+        def way(start: Start) -> float:
+            return max(float((start.tip / self.length - base) @ direction), 0.0)
+
         search = Search(
             self._along,
             lambda found: float(found.extra[0]) * sense,
-            lambda start: [max(float((start.tip / self.length - base) @ direction), 0.0)],
+            lambda start: way(start) * sense,
+            lambda start: [way(start)],
             lambda found: (base + found.extra[0] * direction) * self.length,
         )
         return self.best(search, np.concatenate([base, direction, [sense]]), starts)
@@ -160,12 +171,22 @@ class RaySearch:
             direction = np.array([*(np.sin(polar) * side), np.cos(polar)])
             return np.asarray(self.frame @ direction * s * self.length)
 
-        search = Search(self._rim, lambda found: float(found.extra[1]) * sense, turn, at)
+        search = Search(
+            self._rim,
+            lambda found: float(found.extra[1]) * sense,
+            lambda start: turn(start)[1] * sense,
+            turn,
+            at,
+        )
         return self.best(search, np.array([*side, sense]), starts)
 
     def nearest(self, starts: Sequence[Start]) -> Place | None:
         """The place nearest to the base."""
-        search = Search(self._nearest, lambda found: -found.objective)
+        search = Search(
+            self._nearest,
+            lambda found: -found.objective,
+            lambda start: -float(np.sum((start.tip / self.length) ** 2)),
+        )
         return self.best(search, np.zeros(0), starts)
 
     def best(self, search: Search, given: np.ndarray, starts: Sequence[Start]) -> Place | None:
@@ -186,6 +207,17 @@ class RaySearch:
                     return place
                 return self._between(search, given, place, worth, refused)
             refused = worth if refused is None else refused
+        return None if refused is None else self._below(search, given, starts, refused)
+
+    def _below(
+        self, search: Search, given: np.ndarray, starts: Sequence[Start], refused: float
+    ) -> Place | None:
+        """Where no answer holds: from a start that is kept at its own value, as far as it holds."""
+        for start in sorted(starts, key=lambda start: -search.worth(start)):
+            found = self._solve(search, given, start, min(search.worth(start), refused))
+            place = self._confirmed(search, found) if found.solved else None
+            if place is not None:
+                return self._between(search, given, place, search.value(found), refused)
         return None
 
     def _between(

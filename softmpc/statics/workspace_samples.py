@@ -57,9 +57,13 @@ def random_samples(limits: RestLimits, count: int, seed: int) -> np.ndarray:
 def box_samples(limits: RestLimits, count: int, seed: int) -> np.ndarray:
     """The corners of the box of pressures, its middle, and random ones up to `count`.
 
-    Units that cannot move are not turned into corners twice; of many corners only some are there.
+    Of very many corners only some are there; one or two free pressures get an even grid.
     """
     free = np.flatnonzero(limits.range > 0)
+    if not len(free):
+        return limits.low[None, :].copy()
+    if len(free) <= 2:
+        return _even(limits, free, count)
     rng = np.random.default_rng(seed)
     if 2 ** len(free) <= MOST_CORNERS:
         ends = np.array(list(product((0.0, 1.0), repeat=len(free)))).reshape(-1, len(free))
@@ -69,10 +73,16 @@ def box_samples(limits: RestLimits, count: int, seed: int) -> np.ndarray:
     share[:-1, free] = ends
     share[-1, free] = 0.5
     corners = limits.low + share * limits.range
-    if not len(free):
-        return corners[:1]
     more = random_samples(limits, max(count - len(corners), 0), seed + 1)
     return np.concatenate([corners, more])
+
+
+def _even(limits: RestLimits, free: np.ndarray, count: int) -> np.ndarray:
+    """A grid of one or two free pressures."""
+    steps = np.linspace(0.0, 1.0, int(round(count ** (1 / len(free)))))
+    share = np.zeros((len(steps) ** len(free), len(limits.low)))
+    share[:, free] = np.stack(np.meshgrid(*[steps] * len(free)), -1).reshape(-1, len(free))
+    return np.asarray(limits.low + share * limits.range)
 
 
 def solve(model: Model, pressures: np.ndarray, section: int) -> Samples:

@@ -73,7 +73,9 @@ class Shell:
         _, weights = clenshaw_curtis(len(self.nodes))
         span = np.nan_to_num(self.rims[:, 1] - self.rims[:, 0])
         parts = np.nan_to_num(powers * np.sin(self.polars)) @ weights
-        return float(np.sum(span * parts) * 2 * np.pi / len(self.azimuths) / power)
+        gaps = np.diff(np.append(self.azimuths, self.azimuths[0] + 2 * np.pi))
+        shares = (gaps + np.roll(gaps, 1)) / 2  # trapezoids; all the same mostly
+        return float(np.sum(shares * span * parts) / power)
 
     def _coarse(self) -> Shell:
         some = np.s_[::2, ::2]
@@ -108,6 +110,19 @@ class Shell:
         there = np.clip(way, np.minimum(inner, outer), outer)[:, None] * (closest @ self.frame)
         distance = np.linalg.norm(own - there, axis=1)
         return np.asarray(np.where(distance < 1e-12 * np.maximum(radius, 1e-12), 0.0, distance))
+
+    def between(self, azimuths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rims (K×2), outer and inner radii at the nodes (K×M) at any azimuths (K)."""
+        rims, outer, inner, known = self._filled
+        before, share = _bracket(known, np.asarray(azimuths, float), self.flat)
+        after, t = (before + 1) % len(known), share[:, None]
+        found = [(1 - t) * a[before] + t * a[after] for a in (rims, outer, inner)]
+        return found[0], found[1], found[2]
+
+    def places(self, azimuths: np.ndarray, rims: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """Places (K×M×3) at these azimuths (K), rims (K×2) and radii (K×M)."""
+        polars = rims[:, :1] + (rims[:, 1:] - rims[:, :1]) * self.nodes
+        return np.asarray(self._turned(np.asarray(azimuths)[:, None], polars) * radii[..., None])
 
     def _at(self, azimuth: np.ndarray, polar: np.ndarray) -> tuple[np.ndarray, ...]:
         """Rims and radii (K each) at these angles, the nearest where these are not in reach."""

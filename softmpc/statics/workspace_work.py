@@ -59,12 +59,13 @@ class SearchWork:
     section: int
     held: tuple[tuple[int, float], ...]
     frame: np.ndarray
+    flat: bool
     samples: Samples
 
     @cached_property
     def _rays(self) -> RaySearch:
         model: Model = build(self.scene)
-        return RaySearch(model, self.section, dict(self.held), self.frame)
+        return RaySearch(model, self.section, dict(self.held), self.frame, self.flat)
 
     @cached_property
     def _extremes(self) -> ExtremeSearch:
