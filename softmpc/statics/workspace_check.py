@@ -27,9 +27,9 @@ class WorkspaceCheck:
 
     `outside` is the farthest that a sampled place is beyond what a search along its own ray finds,
     started from the edge and not from the sample (where there is no shell: beyond the extents);
-    `by_grid` the same against the surfaces as they are between their nodes. `off` is the farthest that a point of the edge is from where forward
-    statics, begun anew, holds the tip; `unreachable` counts points off by more than 0.01 mm, not
-    stable, or beyond the pressures allowed.
+    `by_grid` the same against the surfaces as they are between their nodes. `off` is the farthest
+    that a point of the edge is from where forward statics, begun anew, holds the tip;
+    `unreachable` counts points off by more than 0.01 mm, not stable, or beyond the pressures.
     """
 
     samples: int
@@ -118,13 +118,9 @@ class _Rays:
         own = self.space.frame.T @ tip
         azimuth = float(np.arctan2(own[1], own[0]))
         polar = float(np.arctan2(np.hypot(own[0], own[1]), own[2]))
-        gap = 0.0
+        direction, gap = tip / np.linalg.norm(tip), 0.0
+        starts = [start for side in self._sides.values() for start in side.starts(direction)]
         for sense in (1, -1):
-            starts = [
-                start
-                for side in self._sides.values()
-                for start in side.starts(tip / np.linalg.norm(tip))
-            ]
             rim = self.search.rim(azimuth, sense, starts)
             if rim is None:
                 return float("inf")
@@ -150,10 +146,10 @@ class _Side:
         order = np.argsort(-(self.rays @ direction))[:NEIGHBOURS]
         top = self.pressures.max(axis=0)
         seen: set[bytes] = set()
-        chosen = []
+        chosen: list[Start] = []
         for k in order:
-            kind = np.round(self.pressures[k] / np.maximum(top, 1e-300), 3).clip(0.001, 0.999)
-            pattern = ((kind > 0.001).astype(int) + (kind >= 0.999)).tobytes()
+            kind = self.pressures[k] / np.maximum(top, 1e-300)
+            pattern = ((kind > 1e-3).astype(int) + (kind > 0.999)).tobytes()
             if pattern not in seen and len(chosen) < STARTS:
                 seen.add(pattern)
                 chosen.append(Start(self.q[k], self.pressures[k], self.tips[k]))

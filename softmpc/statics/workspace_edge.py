@@ -59,6 +59,7 @@ class EdgeSearch:
         self.rims = np.array([[self._polar(end) for end in pair] for pair in self.ends])
         self.directions = self._shell(self._empty(), self._empty()).directions()
         self.found: dict[Key, Place] = {}
+        self.changed: set[Key] = set()
         self._nodes()
         for turn in range(ROUNDS):
             if not self._again(turn):
@@ -207,9 +208,9 @@ class EdgeSearch:
         if place is None:
             return False
         before = self.found.get(key)
-        gain = np.inf
+        gain = float("inf")
         if before is not None:
-            gain = key[2] * (np.linalg.norm(place.tip) - np.linalg.norm(before.tip))
+            gain = key[2] * float(np.linalg.norm(place.tip) - np.linalg.norm(before.tip))
         if gain > 0:
             self.found[key] = place
         return bool(gain > BETTER)

@@ -52,7 +52,7 @@ def summary(space: Workspace) -> dict[str, Any]:
         **({} if area is None else {"area_m2": area}),
         "extents_m": dict(zip("xyz", space.extents.tolist(), strict=True)),
         "polar_deg": _range(np.degrees(space.rims)),
-        "radius_m": _range(space.outer.radii, space.inner.radii) if space.outer else None,
+        "radius_m": _range(space.shell.outer, space.shell.inner) if space.shell else None,
         "points": counts,
         "grid_error_mm": space.grid_error * 1e3,
         "limits": [_extreme(e) for e in space.extremes],
@@ -159,7 +159,7 @@ def load(path: Path) -> Workspace:
         raise InputError(f"{path}: is not a saved workspace: {error}") from None
     if about.pop("schema", None) != SCHEMA:
         raise InputError(f"{path}: is of another version; {SCHEMA} is known here")
-    sides = {
+    sides: dict[str, Any] = {
         side: Surface(*(content[f"{side}_{name}"] for name in SURFACE))
         if f"{side}_radii" in content
         else None

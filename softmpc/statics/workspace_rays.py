@@ -47,7 +47,10 @@ class Place:
     @classmethod
     def of(cls, plain: Sequence[Any] | None) -> Place | None:
         """From what came back."""
-        return plain and cls(*(np.array(v) for v in plain[:3]), *plain[3:])
+        if plain is None:
+            return None
+        pressures, q, tip, stiffness, best = plain
+        return cls(np.array(pressures), np.array(q), np.array(tip), float(stiffness), bool(best))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +99,7 @@ class RaySearch:
     def solver(
         self, value: ca.SX, extra: Extra, rows: ca.SX, parameters: ca.SX | None = None
     ) -> RestSolver:
-        """The program that makes `value` large, at most its last parameter, with these rows zero."""
+        """A program that makes `value` large, at most its last parameter, with these rows zero."""
         most = ca.SX.sym("most")
         still = np.zeros(rows.numel())
         return self.program.solver(

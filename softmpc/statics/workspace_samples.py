@@ -79,7 +79,7 @@ def box_samples(limits: RestLimits, count: int, seed: int) -> np.ndarray:
 
 def _even(limits: RestLimits, free: np.ndarray, count: int) -> np.ndarray:
     """A grid of one or two free pressures."""
-    steps = np.linspace(0.0, 1.0, int(round(count ** (1 / len(free)))))
+    steps = np.linspace(0.0, 1.0, round(count ** (1 / len(free))))
     share = np.zeros((len(steps) ** len(free), len(limits.low)))
     share[:, free] = np.stack(np.meshgrid(*[steps] * len(free)), -1).reshape(-1, len(free))
     return np.asarray(limits.low + share * limits.range)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,7 +91,7 @@ def _key() -> list[Any]:
 def _fine(azimuths: np.ndarray) -> np.ndarray:
     """Some azimuths between those of the half-planes."""
     ends = np.append(azimuths, azimuths[0] + 2 * np.pi)
-    steps = [np.linspace(a, b, FINE, endpoint=False) for a, b in zip(ends, ends[1:], strict=False)]
+    steps = [np.linspace(a, b, FINE, endpoint=False) for a, b in pairwise(ends)]
     return np.concatenate(steps)
 
 
