@@ -156,14 +156,16 @@ def calibrate(
     problem = replace(problem)  # with predictions of its own
     if progress:
         _tell(problem, progress)
-    fit, factor = problem.settled(problem.data, problem.space.start)
-    agreeing, arms = 1, 0
+    try:
+        fit, factor = problem.settled(problem.data, problem.space.start)
+    except SoftmpcError as error:
+        raise type(error)(f"at the start values: {error}") from None
+    agreeing = 1
     if starts > 1 and fit.status != "interrupted":
         fit, factor, agreeing = _best(problem, fit, factor, starts, seed, executor, progress)
     found = report(problem, fit, factor)
-    arms += problem.predictions.arms
     wall = time.perf_counter() - began
-    return replace(found, starts=starts, agreeing=agreeing, arms=arms, wall_s=wall)
+    return replace(found, starts=starts, agreeing=agreeing, wall_s=wall)
 
 
 def _tell(problem: CalibrationProblem, progress: Progress) -> None:
@@ -190,7 +192,10 @@ def _best(
     others = [problem.space.random_start(generator).tolist() for _ in range(starts - 1)]
     work = _Searches(replace(problem))
     first = fit.cost if fit.converged else float("inf")
-    found = sweep(work, others, executor=executor, chunk=1, progress=progress)
+    try:
+        found = sweep(work, others, executor=executor, chunk=1, progress=progress)
+    except KeyboardInterrupt:
+        return replace(fit, status="interrupted"), factor, 1
     for other in found:
         better = other["status"] == "converged" and not other["cost"] >= fit.cost
         if better or (other["status"] == "converged" and not fit.converged):

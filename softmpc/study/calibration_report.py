@@ -157,6 +157,5 @@ def _words(problem: CalibrationProblem, x: np.ndarray, direction: Direction) -> 
         else:
             said.append(f"{space.names[k]} {change[k]:+.2g} {space.units[k]}".rstrip())
     effect = direction.effect * SHOWN / np.abs(direction.x).max()
-    if len(said) == 1:
-        return f"{said[0]}: changes the residuals by {effect:.1g} sigma in all"
-    return f"{' with '.join(said)}: changes the residuals by {effect:.1g} sigma in all"
+    seen = f"residuals change by {effect:.1g} sigma in all" if effect > 0.01 else "nothing changes"
+    return f"{' with '.join(said)}: {seen}"
