@@ -35,7 +35,8 @@ Columns of the tables, where a topic does not say otherwise:
 
 How each equation is read is on [](equations.md). The command fits nothing; where a parameter was
 chosen for a printed number, the reason below the table says so. A tip is at rest when it stays
-within 2 % of its travel; the time counts from the end of the last move of the torques.
+within 2 % of its travel, for as long as it took to come there; the time counts from the end of the
+last move of the torques.
 
 What cannot be reproduced: the errors of section 4.3 were measured against a rig, of which no data
 were published. Pictures of the paper without numbers are drawn again, in the same order. Dashed is

@@ -34,6 +34,7 @@ from softmpc.model.actuation import FrictionDrive
 from softmpc.model.drive_effects import ChamberCoupling
 from softmpc.model.parameters import Hydraulics, Section
 from softmpc.simulation.inputs import InputProfile, Ramp, Step
+from softmpc.simulation.integrator import IntegrationError
 from softmpc.simulation.result import Simulation
 from softmpc.simulation.run import start_state
 from softmpc.simulation.runge_kutta import RadauIIA
@@ -381,3 +382,17 @@ def test_below_vapour_pressure_is_a_status() -> None:
 def test_no_special_case_for_other_formulations(formulation: Any) -> None:
     """The printed Newton-Euler has a nonsymmetric M; the methods do not ask."""
     agrees_with_idas(build(Scene(PAPER, formulation=formulation)), BEND, 0.6, 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("said", "raised"),
+    [("Evaluation failed", IntegrationError), ("… KeyboardInterrupt …", KeyboardInterrupt)],
+)
+def test_what_casadi_raises(said: str, raised: type, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: Any) -> None:
+        raise RuntimeError(said)
+
+    integrator = RadauIIA(build(Scene(PAPER)))
+    monkeypatch.setattr(integrator, "_many", fails)
+    with pytest.raises(raised):
+        integrator.advance(np.zeros(34), np.zeros(6), 0.01)

@@ -14,7 +14,7 @@ from oracles.rod import RodSection, solve_rod
 
 from softmpc.errors import InputError, ParameterError
 from softmpc.model.parameters import Section
-from softmpc.model.presets import chen2022
+from softmpc.model.presets import DEFAULT_PRESET, preset
 from softmpc.study.paper_readings import (
     AS_PRINTED,
     AS_READ,
@@ -28,7 +28,7 @@ from softmpc.study.reproduce import TOPICS, Reproduction, reproduce
 from softmpc.study.reproduce_records import Printed, Row, Topic
 from softmpc.view.paper_tables import markdown, terminal
 
-ARM = chen2022()
+ARM = preset(DEFAULT_PRESET)
 STILL = ("drive", "limit+x", "limit-x", "posture", "fig11a", "fig11b")
 PA = 1e6
 
@@ -208,7 +208,7 @@ def test_every_reading_is_explained() -> None:
     text = terminal(found())
     for name, about in {**READINGS, **topic("drive").readings}.items():
         assert f"{name}: {about}" in text
-    assert "chen2022-v1" in text
+    assert DEFAULT_PRESET in text
 
 
 def test_columns_name_the_set_and_leave_gaps() -> None:

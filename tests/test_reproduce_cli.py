@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from pages import ROOT
 
 from softmpc.cli.main import main
+from softmpc.model.presets import DEFAULT_PRESET, PRESETS
 from softmpc.simulation.integrator import IntegrationError
 from softmpc.study import paper_readings
 from softmpc.study.paper_readings import READINGS
@@ -66,7 +67,7 @@ def answered(tmp_path_factory: pytest.TempPathFactory) -> Answered:
 def test_answer(answered: Answered) -> None:
     assert answered.result.exit_code == 0
     assert answered.data["status"] == "finished"
-    assert answered.data["parameters"] == "chen2022-v1"
+    assert answered.data["parameters"] == DEFAULT_PRESET
     assert [topic["key"] for topic in answered.data["topics"]] == list(STILL)
     record = answered.data["topics"][1]["rows"][0]
     assert record["what"] == "bending angle"
@@ -84,7 +85,7 @@ def test_files(answered: Answered) -> None:
     records = [record for topic in answered.data["topics"] for record in topic["rows"]]
     assert [row["what"] for row in rows] == [record["what"] for record in records]
     assert [float(row["value"]) for row in rows] == [record["value"] for record in records]
-    assert {row["parameters"] for row in rows} == {"chen2022-v1"}
+    assert {row["parameters"] for row in rows} == {DEFAULT_PRESET}
     text = (answered.out / "reproduce.md").read_text(encoding="utf-8")
     assert text.count("\n## ") == len(STILL) - 1
 
@@ -96,6 +97,12 @@ def test_table_for_people() -> None:
     assert any(line.split()[:3] == ["arc", "(m)", "0.401"] for line in lines)
     assert any(line.startswith("as read: (33) with s") for line in lines)
     assert max(map(len, lines)) < 160
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset(name: str) -> None:
+    result = softmpc("reproduce", "--preset", name, "--only", "drive,limit-x", "--json")
+    assert json.loads(result.stdout)["parameters"] == name
 
 
 # ---------------------------------------------------------------- errors
@@ -181,7 +188,7 @@ def test_pictures_of_the_arm_at_rest(name: str) -> None:
     found = reproduce(only=[FIGURES[name][0]])
     made = dict(paper_figures(found))
     check(made[name])
-    assert "chen2022-v1" in made[name].get_suptitle()
+    assert DEFAULT_PRESET in made[name].get_suptitle()
 
 
 def test_only_figures_of_topics_that_were_computed() -> None:

@@ -23,7 +23,7 @@ from oracles.paper_literal import (
 from scipy.linalg import expm
 
 from softmpc.model.model import build
-from softmpc.model.presets import chen2022
+from softmpc.model.presets import DEFAULT_PRESET, preset
 from softmpc.model.scene_file import read_document, scene_from_dict
 from softmpc.simulation.inputs import InputProfile, Step
 from softmpc.simulation.integrator import IntegrationError
@@ -43,7 +43,7 @@ from softmpc.study.reproduce import reproduce
 from softmpc.study.reproduce_motions import curvature_overshoot, fig6, fig7
 from softmpc.study.reproduce_records import Topic
 
-ARM = chen2022()
+ARM = preset(DEFAULT_PRESET)
 EXAMPLES = Path(__file__).parent.parent / "examples"
 FILES = {
     "fig6": "step_fig6", "fig7": "step_fig7", "fig8": "ramp_fig8", "fig13": "step_fig12",
@@ -182,7 +182,7 @@ def test_what_cannot_be_followed_says_so() -> None:
     assert set(topic.failures) == {AS_PRINTED}
     assert np.isnan(row(topic, "tip at the end")[AS_PRINTED]).all()
     assert row(topic, "slowest mode")[AS_PRINTED][0] > 0
-    assert f"{AS_PRINTED} (+" in topic.why
+    assert f"“{AS_PRINTED}” (+" in topic.why
     assert row(topic, "time to rest")[OURS][0] < 1.5
 
 

@@ -25,7 +25,7 @@ __all__ = ["command"]
 
 
 @click.command("reproduce")
-@click.option("--preset", metavar="NAME", help="Parameter set, by default the newest.")
+@click.option("--preset", metavar="NAME", help="Parameter set, such as chen2022-v2.")
 @click.option(
     "--only", metavar="TOPIC,…", default="", help="Only these topics, such as limit+x,fig6."
 )
