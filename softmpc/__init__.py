@@ -37,10 +37,10 @@ _HOME = {
     "PressureDrive": "model.actuation",
     "Model": "model.model",
     "build": "model.model",
-    "Equilibrium": "statics.equilibrium",
     "find_equilibrium": "statics.equilibrium",
     "pressures_from_torques": "statics.equilibrium",
-    "Reach": "statics.reach",
+    "InverseStatics": "statics.inverse",
+    "find_workspace": "statics.workspace",
     "simulate": "simulation.run",
     "simulate_file": "simulation.run",
     "compare": "simulation.compare",
@@ -78,25 +78,22 @@ if TYPE_CHECKING:
     from softmpc.model.scene_file import load_scene, save_scene
     from softmpc.simulation.compare import compare
     from softmpc.simulation.run import simulate, simulate_file
-    from softmpc.statics.equilibrium import (
-        Equilibrium,
-        find_equilibrium,
-        pressures_from_torques,
-    )
-    from softmpc.statics.reach import Reach
+    from softmpc.statics.equilibrium import find_equilibrium, pressures_from_torques
+    from softmpc.statics.inverse import InverseStatics
+    from softmpc.statics.workspace import find_workspace
 
 __all__ = [
     "BuildError",
     "ConstantStrainArc",
     "Coriolis",
     "EnvironmentDamping",
-    "Equilibrium",
     "GaussMass",
     "Gravity",
     "HydraulicDrive",
     "Hydraulics",
     "Inertia",
     "InputError",
+    "InverseStatics",
     "Limits",
     "LumpedMass",
     "Manipulator",
@@ -106,7 +103,6 @@ __all__ = [
     "NewtonEuler",
     "PaperArc",
     "PressureDrive",
-    "Reach",
     "RotaryInertia",
     "Scene",
     "Section",
@@ -118,6 +114,7 @@ __all__ = [
     "chen2022",
     "compare",
     "find_equilibrium",
+    "find_workspace",
     "load_scene",
     "pressures_from_torques",
     "save_scene",

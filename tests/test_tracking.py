@@ -23,7 +23,8 @@ from softmpc.model.scene import Scene
 from softmpc.simulation.columns import read_columns
 from softmpc.simulation.idas import Idas
 from softmpc.simulation.integrator import IntegrationError
-from softmpc.statics.reach import Reach
+from softmpc.statics.inverse import InverseStatics
+from softmpc.statics.targets import Position
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -87,7 +88,7 @@ def test_files_hold_the_run(short: TrackResult, tmp_path) -> None:
 @pytest.fixture(scope="module")
 def loop():
     model = build(Scene(chen2022()))
-    posture = Reach(model).posture(np.array([0, 0, 0.6]))
+    posture = InverseStatics(model).solve(Position((0, 0, 0.6))).posture
     mpc = Mpc(Transcription(tracking_problem(model, 5, 0.025)))
     return mpc, Idas(model, 1e-7), start_at(model, posture)
 

@@ -34,7 +34,9 @@ from softmpc.model.scene_file import read_document, scene_from_dict
 from softmpc.model.tables import Table
 from softmpc.simulation.idas import Idas
 from softmpc.simulation.interrupts import InterruptLater
-from softmpc.statics.reach import Clearance, Reach
+from softmpc.statics.clearance import Clearance, find_clearance
+from softmpc.statics.inverse import InverseStatics
+from softmpc.statics.targets import Position
 
 __all__ = ["Tracking", "read_tracking", "track", "track_file"]
 
@@ -82,25 +84,25 @@ def track(scene: Scene, task: Tracking, progress: Progress | None = None) -> Tra
         model = build(scene)
         ocp = tracking_problem(model, task.horizon, task.step, task.costs)
         plant = Idas(model, task.plant_tolerance)
-        reach = Reach(model)
-        clearance = _clearance(reach, task.reference)
-        posture = reach.posture(task.reference.position([0.0])[0])
-        if posture is None or not posture.stable:
+        inverse = InverseStatics(model)
+        clearance = _clearance(inverse, task.reference)
+        begin = inverse.solve(Position(tuple(task.reference.position([0.0])[0])))
+        if not (begin.solved and begin.stable):
             raise SceneError("[track]: no stable posture holds the tip at the start of the path")
         transcription = Transcription(ocp, task.stages)
         solver = Ipopt(transcription, task.hessian, task.tolerance, task.max_iterations)
-        mpc, start = Mpc(transcription, solver), start_at(model, posture)
+        mpc, start = Mpc(transcription, solver), start_at(model, begin.posture)
     if interrupt.asked:
         raise KeyboardInterrupt
     result = close_loop(mpc, plant, task.reference, start, settle=task.settle, progress=progress)
     return replace(result, clearance_m=clearance.distance)
 
 
-def _clearance(reach: Reach, reference: Reference) -> Clearance:
+def _clearance(inverse: InverseStatics, reference: Reference) -> Clearance:
     lap = reference.path.position(np.arange(CLEARANCE_POINTS) / CLEARANCE_POINTS)
-    clearance = reach.clearance(lap)
+    clearance = find_clearance(inverse, lap)
     if clearance is None:
-        misses = [reach.nearest(place)[1] for place in lap]
+        misses = [found.distance for found in inverse.solve_path([Position(tuple(x)) for x in lap])]
         worst = int(np.argmax(misses))
         place = ", ".join(f"{x:.3f}" for x in lap[worst])
         raise SceneError(

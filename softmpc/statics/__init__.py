@@ -1,1 +1,1 @@
-"""The arm at rest: postures under pressures and loads, reach. May import `model`."""
+"""The arm at rest: postures under pressures and loads, inverse statics, workspace. May import `model`."""

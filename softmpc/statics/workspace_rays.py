@@ -38,6 +38,7 @@ class Place:
     tip: np.ndarray  # (3)
     smallest_stiffness: float  # J
     best: bool = True  # no search came further, not even to what could not be confirmed
+    normal: np.ndarray | None = None  # of the edge here (3), along the search; for rays only
 
     def plain(self) -> list[Any]:
         """What can travel as JSON."""
@@ -72,6 +73,7 @@ class Search:
     # further variables at a start, and where the tip is expected at a solution
     guess: Callable[[Start], list[float]] = lambda start: []
     at: Callable[[RestSolution], np.ndarray] | None = None
+    normal: Callable[[RestSolution], np.ndarray] | None = None
 
 
 class RaySearch:
@@ -158,6 +160,7 @@ class RaySearch:
             lambda start: way(start) * sense,
             lambda start: [way(start)],
             lambda found: (base + found.extra[0] * direction) * self.length,
+            None if self.flat else lambda found: _normal(found, direction),
         )
         return self.best(search, np.concatenate([base, direction, [sense]]), starts)
 
@@ -251,7 +254,18 @@ class RaySearch:
         expected = search.at(found) if search.at else self._tip(found.q)
         if not rest.stable or np.linalg.norm(tip - expected) > HIT:
             return None
-        return Place(rest.pressures, rest.q, tip, rest.smallest_stiffness)
+        normal = search.normal(found) if search.normal else None
+        return Place(rest.pressures, rest.q, tip, rest.smallest_stiffness, normal=normal)
 
     def _tip(self, q: np.ndarray) -> np.ndarray:
         return np.asarray(self.model.frames(q)[0])[:, self.section - 1]
+
+
+def _normal(found: RestSolution, direction: np.ndarray) -> np.ndarray:
+    """Normal of the edge where a ray ends: what shifts of the ray cost, from its multipliers."""
+    shift = found.point[2][-4:-1]  # of the three rows before that of `most`
+    size = np.linalg.norm(shift)
+    if size < 1e-9:
+        return direction
+    normal = shift / size
+    return np.asarray(normal if normal @ direction > 0 else -normal)
