@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +167,16 @@ def test_pressures_may_be_the_inputs(tmp_path: Path) -> None:
     assert motion.profile(1.0)[0] == 5e5
     with pytest.raises(InputError, match="takes pressures, not torques"):
         problem(tmp_path, PARAMETER + POSE.replace("pressures_mpa", "torques_nm"), scene)
+
+
+def test_the_file_in_the_docs(tmp_path: Path) -> None:
+    shutil.copytree(EXAMPLES, tmp_path / "examples")
+    page = (EXAMPLES.parent / "docs" / "calibration.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml data\n(.*?)```", page, re.DOTALL)
+    path = tmp_path / "examples" / "calibration" / "docs.toml"
+    path.write_text(text, encoding="utf-8")
+    found = load_calibration(path, load_scene(path.with_name("bench_arm.toml")))
+    assert len(found.observations) == 1 + 8 + 1 + 1 and len(found.ties) == 1
 
 
 def test_examples_are_problems() -> None:

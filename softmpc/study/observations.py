@@ -209,7 +209,8 @@ def numbers_of(
 
 def check_without(scene: Scene, without: Sequence[str], name: str) -> None:
     """Raise `InputError` for an effect that nobody knows."""
-    allowed = dict.fromkeys(effect.name for effect in (*scene.effects, *EFFECTS))
+    known: list[Any] = [*scene.effects, *EFFECTS]
+    allowed = dict.fromkeys(effect.name for effect in known)
     for effect in without:
         if effect not in allowed:
             raise InputError(f"{name}: without: {unknown_name('effect', effect, allowed)}")
