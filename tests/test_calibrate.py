@@ -23,6 +23,7 @@ from softmpc.study.observations import StaticPose
 from softmpc.study.scene_paths import places_of, resolve, value_at, with_values
 from softmpc.study.summary_values import SummaryValue
 from softmpc.study.uncertainty import uncertainty, undetermined
+from softmpc.view.calibration import calibration_figure
 
 ARM = replace(chen2022(), sections=chen2022().sections[:1])
 SCENE = Scene(ARM, strains=("epsilon", "kappa_x", "kappa_y"), actuation=PressureDrive())
@@ -407,3 +408,28 @@ def test_interrupt_keeps_the_best() -> None:
 def test_nothing_to_fit_to() -> None:
     with pytest.raises(InputError, match="nothing to fit to"):
         CalibrationProblem(SCENE, (RADIUS,), (radius(0.139, counts=False),))
+
+
+# ---------------------------------------------------------------- the picture
+
+
+def test_picture_says_what_is_open_and_at_a_bound() -> None:
+    tight = replace(RADIUS, start=0.033, low=0.032)
+    loose = FreeParameter("sections.viscosity", prior=(1e4, 1e4), log=True)
+    friction = FreeParameter("hydraulics.friction", low=0.0, high=9.0, prior=(0.0, 1.0))
+    data = (radius(0.139), Line(X, Y))
+    found = calibrate(CalibrationProblem(SCENE, (tight, MASS, loose, friction), data))
+    made = calibration_figure(found)
+    estimates, correlations, residuals = made.axes[0], made.axes[1], made.axes[-1]
+    names = [text.get_text() for text in estimates.get_yticklabels()]
+    assert names == [
+        "bending_radius\n0.032 m (at its low bound)",
+        "mass\n2.309 kg",
+        "viscosity\n1e+04 Pa·s (not by data)",
+        "friction\n0 N (at its low bound)",
+    ]
+    assert [text.get_text() for text in correlations.get_xticklabels()][3] == "friction"
+    bars = {text.get_text() for text in residuals.get_yticklabels()}
+    assert bars == {"radius", *(f"at {x:g}" for x in X)}
+    many = replace(found, residuals=found.residuals * 10)
+    assert len(calibration_figure(many).axes[-1].lines[0].get_xdata()) == 60
