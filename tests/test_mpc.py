@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softmpc.control.ipopt import Ipopt, Solution
+from softmpc.control.ipopt import Ipopt
 from softmpc.control.mpc import FAILURES_BEFORE_RESTART, Mpc
 from softmpc.control.ocp import tracking_problem
+from softmpc.control.solver import Solution
 from softmpc.control.transcription import Transcription
 from softmpc.model.model import build
 from softmpc.model.presets import chen2022

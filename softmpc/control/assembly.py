@@ -50,7 +50,7 @@ def assemble(t: Transcription) -> NonlinearProgram:
     from softmpc.control.transcription import NonlinearProgram
 
     w = ca.MX.sym("w", t.N * t.nw)
-    p = ca.MX.sym("p", t.nx + t.nu + 3 * t.N)
+    p = ca.MX.sym("p", t.nx + t.nu + t.nr * t.N)
     parts = _trajectory(t, w, p)
     f, gradient, hessian = _costs(t, parts)
     g, jacobian = _constraints(t, parts)
@@ -86,8 +86,12 @@ def _trajectory(t: Transcription, w: ca.MX, p: ca.MX) -> dict[str, ca.MX]:
         "x": x,
         "x_before": ca.horzcat(x_now, x[:, :-1]),
         "u_before": ca.horzcat(u_now, u[:, :-1]),
-        "target": ca.reshape(p[t.nx + t.nu :], 3, t.N),
+        "given": ca.reshape(p[t.nx + t.nu :], t.nr, t.N),
+        "ratio": ca.MX(ca.DM(t.ocp.ratios).T),
     }
+
+
+_TERMS = ("u_before", "u", "x", "given", "ratio")  # arguments of costs and limits
 
 
 def _stage_columns(t: Transcription) -> np.ndarray:
@@ -100,27 +104,44 @@ def _stage_columns(t: Transcription) -> np.ndarray:
 
 
 def _costs(t: Transcription, parts: dict[str, ca.MX]) -> tuple[ca.MX, ca.MX, ca.MX]:
-    names = ("u_before", "u", "x", "target")
-    values, gradients, hessians = t.cost.map(t.N)(*(parts[name] for name in names))
-    columns = _stage_columns(t)
-    size = t.N * t.nw
-    gradient = Scatter(size, 1)
-    gradient.add(ca.vec(gradients), columns, np.zeros_like(columns))
-    sparsity = t.cost.sparsity_out(2)
-    rows, cols = np.array(sparsity.row()), np.array(sparsity.get_col())
-    hessian = Scatter(size, size)
-    # The order of the columns makes u_before < u < x, so an upper half stays an upper half.
-    hessian.add(_nonzeros(hessians), columns[:, rows], columns[:, cols])
-    return ca.sum2(values), ca.densify(gradient.matrix()), hessian.matrix()
+    columns, size = _stage_columns(t), t.N * t.nw
+    f, gradient, hessian = ca.MX(0), Scatter(size, 1), Scatter(size, size)
+
+    def add(function: ca.Function, found: Any, places: np.ndarray) -> ca.MX:
+        values, gradients, hessians = found
+        gradient.add(ca.vec(gradients), places, np.zeros_like(places))
+        sparsity = function.sparsity_out(2)
+        rows, cols = np.array(sparsity.row()), np.array(sparsity.get_col())
+        # The order of the columns makes u_before < u < x, so an upper half stays an upper half.
+        hessian.add(_nonzeros(hessians), places[:, rows], places[:, cols])
+        return ca.sum2(values)
+
+    every, end = t.objective.cost, t.objective.end_cost
+    f += add(every, every.map(t.N)(*(parts[name] for name in _TERMS)), columns)
+    if end is not None:
+        f += add(end, end(*(parts[name][:, -1] for name in _TERMS)), columns[-1:])
+    return f, ca.densify(gradient.matrix()), hessian.matrix()
+
+
+def _intervals(t: Transcription, parts: dict[str, ca.MX]) -> tuple[ca.MX, ca.MX]:
+    """Defects side by side, and the nonzeros of their Jacobians; one map a run of equal lengths."""
+    defects, nonzeros, first = [], [], 0
+    for k in range(1, t.N + 1):
+        if k < t.N and t.intervals[k] is t.intervals[first]:
+            continue
+        columns = [parts[name][:, first:k] for name in ("x_before", "u", "a")]
+        found, jacobians = t.intervals[first].function.map(k - first)(*columns)
+        defects.append(found)
+        nonzeros.append(_nonzeros(jacobians))
+        first = k
+    return ca.horzcat(*defects), ca.vertcat(*nonzeros)
 
 
 def _constraints(t: Transcription, parts: dict[str, ca.MX]) -> tuple[ca.MX, ca.MX]:
-    defects, jacobians = t.interval.map(t.N)(parts["x_before"], parts["u"], parts["a"])
+    defects, nonzeros = _intervals(t, parts)
     g = [ca.vertcat(defects[: t.na, :], defects[t.na :, :] - parts["x"])]
-    height = t.na + t.nx
-    limit = None if t.limit is None else t.limit.map(t.N)
-    general = 0 if t.limit is None else t.limit.size1_out(0)
-    total = height + general
+    height, limit = t.na + t.nx, t.objective.limit
+    total = height + len(t.objective.rows)
     jacobian = Scatter(t.N * total, t.N * t.nw)
     start = np.arange(t.N)[:, None]
     x_before = (start - 1) * t.nw + t.nu + t.na + np.arange(t.nx)
@@ -128,13 +149,13 @@ def _constraints(t: Transcription, parts: dict[str, ca.MX]) -> tuple[ca.MX, ca.M
     columns = np.hstack([x_before, start * t.nw + np.arange(t.nu + t.na)])
     sparsity = t.interval.sparsity_out(1)
     rows, cols = np.array(sparsity.row()), np.array(sparsity.get_col())
-    jacobian.add(_nonzeros(jacobians), start * total + rows, columns[:, cols])
+    jacobian.add(nonzeros, start * total + rows, columns[:, cols])
     after = start * t.nw + t.nu + t.na + np.arange(t.nx)
     jacobian.add(-np.ones(t.N * t.nx), start * total + t.na + np.arange(t.nx), after)
-    if limit is not None and t.limit is not None:
-        values, slopes = limit(*(parts[n] for n in ("u_before", "u", "x", "target")))
+    if limit is not None:
+        values, slopes = limit.map(t.N)(*(parts[name] for name in _TERMS))
         g.append(values)
-        sparsity = t.limit.sparsity_out(1)
+        sparsity = limit.sparsity_out(1)
         rows, cols = np.array(sparsity.row()), np.array(sparsity.get_col())
         jacobian.add(_nonzeros(slopes), start * total + height + rows, _stage_columns(t)[:, cols])
     return ca.vec(ca.vertcat(*g)), jacobian.matrix()

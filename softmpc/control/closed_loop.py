@@ -56,7 +56,7 @@ def close_loop(
     step = mpc.ocp.step
     samples = max(1, round(step / SAMPLE))
     count = _steps(reference.duration if duration is None else duration, step)
-    nodes = step * np.arange(1, mpc.ocp.intervals + 1)
+    nodes = mpc.ocp.nodes
     x, u = start.x, start.u
     states, steps, status = [x[None, :]], [], "finished"
     mpc.reset()

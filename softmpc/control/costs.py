@@ -1,28 +1,34 @@
 """Costs: weighted residuals whose squares an optimal-control problem adds up.
 
 Each is ½ Σ (residual)², so every cost is a least-squares term and Gauss-Newton applies. Weights
-are one over the deviation that costs ½: `TipPosition(deviation=1e-3)` charges ½ for a millimetre.
+are one over the deviation that costs ½: `TipPosition(deviation=1e-3)` charges ½ for a millimetre
+that lasts one step of the controller.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import casadi as ca
+import numpy as np
 
 from softmpc.control.stage import Stage
 from softmpc.errors import InputError
 
-__all__ = ["Cost", "StrainRate", "TipPosition", "Torque", "TorqueRate"]
+__all__ = [
+    "Cost", "RestAtEnd", "StrainRate", "TipDirection", "TipPosition", "Torque", "TorqueRate",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Cost(ABC):
-    """A least-squares term of every interval; `deviation` in the unit of its quantity."""
+    """A least-squares term; `deviation` in the unit of its quantity."""
 
     name: ClassVar[str]
+    at_end: ClassVar[bool] = False  # at the end of the horizon alone, else in every interval
+    of_change: ClassVar[bool] = False  # of what changes within an interval, else of what lasts
     deviation: float
 
     def __post_init__(self) -> None:
@@ -39,13 +45,24 @@ class Cost(ABC):
 
 @dataclass(frozen=True)
 class TipPosition(Cost):
-    """Distance of the tip from its reference; deviation in m."""
+    """Distance of the tip from the reference "tip" (3, m); deviation in m."""
 
     name: ClassVar[str] = "tip"
     deviation: float = 1e-3
 
     def residual(self, stage: Stage) -> ca.SX:
-        return (stage.tip - stage.target) / self.deviation
+        return (stage.tip - stage.given("tip", 3)) / self.deviation
+
+
+@dataclass(frozen=True)
+class TipDirection(Cost):
+    """Angle between the tip's axis and the reference "axis" (3, unit length); deviation in rad."""
+
+    name: ClassVar[str] = "axis"
+    deviation: float = 0.05
+
+    def residual(self, stage: Stage) -> ca.SX:
+        return (stage.axis - stage.given("axis", 3)) / self.deviation
 
 
 @dataclass(frozen=True)
@@ -64,6 +81,7 @@ class TorqueRate(Cost):
     """Change of the input from one interval to the next, over its scale."""
 
     name: ClassVar[str] = "torque rate"
+    of_change: ClassVar[bool] = True
     deviation: float = 0.1
 
     def residual(self, stage: Stage) -> ca.SX:
@@ -79,3 +97,22 @@ class StrainRate(Cost):
 
     def residual(self, stage: Stage) -> ca.SX:
         return stage.dq / stage.model.layout.dq.scale / self.deviation
+
+
+@dataclass(frozen=True, eq=False)
+class RestAtEnd(Cost):
+    """What is still to pay after the horizon: ½ |L (x - rest)|² at its end.
+
+    `rest` is a reference, the state (SI) in which the arm rests at its target; `factor` is L for
+    scaled states, see `softmpc.control.terminal`.
+    """
+
+    name: ClassVar[str] = "rest at the end"
+    at_end: ClassVar[bool] = True
+    factor: Any = None
+    deviation: float = 1.0
+
+    def residual(self, stage: Stage) -> ca.SX:
+        scale = stage.model.layout.x.scale
+        off = (stage.x - stage.given("rest", len(scale))) / scale
+        return ca.mtimes(ca.DM(np.asarray(self.factor)), off) / self.deviation

@@ -3,31 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
+from softmpc.control.solver import Solution, worst_violation
 from softmpc.control.transcription import NonlinearProgram, Transcription
 
-__all__ = ["Ipopt", "Solution"]
-
-
-@dataclass(frozen=True)
-class Solution:
-    """What a solver found: scaled variables and multipliers, and how good they are."""
-
-    solved: bool
-    status: str  # of the solver
-    w: np.ndarray
-    lam_w: np.ndarray
-    lam_g: np.ndarray
-    cost: float
-    violation: float  # largest violation of a scaled constraint
-    worst: str  # which one, by name
-    iterations: int
-    seconds: float
+__all__ = ["Ipopt"]
 
 
 class Ipopt:
@@ -44,6 +28,7 @@ class Ipopt:
         tolerance: float = 1e-6,
         max_iterations: int = 50,
     ) -> None:
+        self.transcription = transcription
         self.program: NonlinearProgram = transcription.program
         program = self.program
         options: dict[str, Any] = {
@@ -61,6 +46,7 @@ class Ipopt:
                 "warm_start_mult_bound_push": 1e-6,
                 "warm_start_slack_bound_push": 1e-6,
                 "nlp_scaling_method": "none",  # scaled already
+                "bound_relax_factor": 0.0,  # slacks have a price, limits are limits
             },
         }
         problem = {"x": program.w, "p": program.p, "f": program.f, "g": program.g}
@@ -92,7 +78,7 @@ class Ipopt:
         found = solver(**call)
         stats = solver.stats()
         w, g = np.asarray(found["x"]).ravel(), np.asarray(found["g"]).ravel()
-        violation, worst = _worst(program, w, g)
+        violation, worst = worst_violation(program, w, g)
         return Solution(
             solved=bool(stats["success"]) and bool(np.all(np.isfinite(w))),
             status=str(stats["return_status"]),
@@ -105,12 +91,3 @@ class Ipopt:
             iterations=int(stats["iter_count"]),
             seconds=time.perf_counter() - started,
         )
-
-
-def _worst(program: NonlinearProgram, w: np.ndarray, g: np.ndarray) -> tuple[float, str]:
-    """The largest violation of a bound or constraint, and its name."""
-    over_w = np.maximum(program.bounds[0] - w, w - program.bounds[1])
-    over_g = np.maximum(program.bounds_g[0] - g, g - program.bounds_g[1])
-    over = np.nan_to_num(np.concatenate([over_w, over_g]), nan=np.inf)
-    i = int(np.argmax(over))
-    return float(max(over[i], 0.0)), (program.names + program.names_g)[i]

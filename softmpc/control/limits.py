@@ -1,9 +1,13 @@
-"""Limits: rows of an optimal-control problem that must stay between two bounds."""
+"""Limits: rows of an optimal-control problem that must stay between two bounds.
+
+A soft limit may be exceeded at a price, by one slack an interval that all its rows share: where
+nothing else is possible the problem still has a solution, and where it is, the limit holds.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import casadi as ca
@@ -19,6 +23,7 @@ __all__ = [
     "Rows",
     "StrainLimit",
     "StrokeLimit",
+    "TipBox",
     "TorqueLimit",
     "TorqueRateLimit",
 ]
@@ -37,16 +42,27 @@ class Rows:
 
 @dataclass(frozen=True)
 class Limit(ABC):
-    """A limit in every interval; `low` and `high` in SI, the same for all its rows."""
+    """A limit in every interval; `low` and `high` in SI, the same for all its rows.
+
+    `soft` is the excess, relative to the rows' scale, whose square costs ½; None is a hard limit.
+    An excess also costs its size over ten times `soft`, so that none is taken for a small gain.
+    """
 
     name: ClassVar[str]
+    of_change: ClassVar[bool] = False  # of a change within the controller's step
     low: float
     high: float
+    soft: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
             raise InputError(
                 f"{type(self).__name__}: low = {self.low!r} must be below high = {self.high!r}"
+            )
+        if self.soft is not None and not 0 < self.soft < float("inf"):
+            raise InputError(
+                f"{type(self).__name__}(soft={self.soft!r}): must be above 0 and finite, the "
+                "relative excess that costs ½; None makes the limit hard"
             )
 
     @abstractmethod
@@ -71,9 +87,10 @@ class TorqueLimit(Limit):
 
 @dataclass(frozen=True)
 class TorqueRateLimit(Limit):
-    """Change of torque over one interval, N·m."""
+    """Change of torque over one step of the controller, N·m."""
 
     name: ClassVar[str] = "torque rate"
+    of_change: ClassVar[bool] = True
 
     def rows(self, stage: Stage) -> Rows:
         u = stage.model.layout.u
@@ -119,3 +136,18 @@ class StrainLimit(Limit):
         if not chosen:
             raise InputError(f"StrainLimit(kind={self.kind!r}): no such strain in this scene")
         return self._rows(stage.q[chosen], q.scale[chosen], tuple(q.names[i] for i in chosen))
+
+
+@dataclass(frozen=True)
+class TipBox(Limit):
+    """One coordinate ("x", "y" or "z", base frame) of the tip, m."""
+
+    name: ClassVar[str] = "tip box"
+    axis: str = "z"
+
+    def rows(self, stage: Stage) -> Rows:
+        if self.axis not in ("x", "y", "z"):
+            raise InputError(f"TipBox(axis={self.axis!r}): must be 'x', 'y' or 'z'")
+        scale = np.array([stage.model.scene.manipulator.length])
+        place = stage.tip["xyz".index(self.axis)]
+        return self._rows(place, scale, (f"tip_{self.axis}",))

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softmpc.control.ipopt import Ipopt, Solution
+from softmpc.control.ipopt import Ipopt
 from softmpc.control.limits import TorqueLimit
 from softmpc.control.ocp import Ocp
+from softmpc.control.solver import Solution
 from softmpc.control.transcription import Transcription
 
 __all__ = ["Mpc", "Step"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
@@ -14,13 +14,17 @@ __all__ = ["Stage"]
 
 @dataclass(frozen=True)
 class Stage:
-    """State x at the end of an interval, its input, the input before, the place to be; SI."""
+    """State x at the end of an interval, its input, the input before; SI.
+
+    What changes from one solve to the next is `given` by name: the place where the tip should be
+    at the end of the interval is `given("tip", 3)`.
+    """
 
     model: Model
     x: ca.SX
     u: ca.SX
     u_before: ca.SX
-    target: ca.SX  # tip reference at the end of the interval (3, m)
+    references: dict[str, ca.SX] = field(default_factory=dict)
 
     @classmethod
     def of(cls, model: Model) -> Stage:
@@ -31,8 +35,13 @@ class Stage:
             ca.SX.sym("x", len(layout.x)),
             ca.SX.sym("u", inputs),
             ca.SX.sym("u_before", inputs),
-            ca.SX.sym("target", 3),
         )
+
+    def given(self, name: str, size: int) -> ca.SX:
+        """A reference of that name (SI); the same symbol whoever asks for it."""
+        if name not in self.references:
+            self.references[name] = ca.SX.sym(name, size)
+        return self.references[name]
 
     @property
     def q(self) -> ca.SX:
@@ -50,6 +59,11 @@ class Stage:
     def tip(self) -> ca.SX:
         """Place of the arm's tip (3, m)."""
         return self.model.tip(self.q)
+
+    @cached_property
+    def axis(self) -> ca.SX:
+        """Direction in which the tip points (3), a unit vector in the base frame."""
+        return self.model.frames(self.q)[1][:, -1]
 
     @cached_property
     def pressures(self) -> ca.SX:

@@ -8,29 +8,31 @@ to node and to the stages, outside the automatic differentiation.
     stage    r(q_s, dq_s, a_s, P_s) = 0
     node     q⁺ = q + h dq + h² Σ (bA)_j a_j,  dq⁺ = dq + h Σ b_j a_j,  z⁺ = Φ z + Γ u
 
-Variables are scaled. Their order is u_0, a_0, x_1, u_1, a_1, x_2, …; x_0, the input before and the
-references are parameters. Small SX functions are mapped over the horizon, and the Jacobian and the
-Gauss-Newton Hessian are put together from their nonzeros.
+Variables are scaled. Their order is u_0, a_0, x_1, u_1, a_1, x_2, …, slacks with the inputs; x_0,
+the input before and the references are parameters. Small functions are mapped over the horizon,
+and the Jacobian and the Gauss-Newton Hessian are put together from their nonzeros.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
-from softmpc.control.discretise import held_input
-from softmpc.control.limits import Rows
+from softmpc.control.interval import Interval, Scales
+from softmpc.control.objective import Objective
 from softmpc.control.ocp import Ocp
-from softmpc.control.stage import Stage
-from softmpc.errors import BuildError
-from softmpc.model.model import Model, sparse_times
+from softmpc.errors import BuildError, InputError
+from softmpc.model.model import Model
 from softmpc.simulation.tableau import Tableau, radau_iia
 
 __all__ = ["NonlinearProgram", "Transcription"]
+
+References = Mapping[str, ArrayLike] | ArrayLike
 
 
 @dataclass(frozen=True)
@@ -56,161 +58,91 @@ class Transcription:
         self.model = ocp.model
         _require_linear_drive(self.model)
         self.tableau: Tableau = radau_iia(stages)
+        self.objective = Objective(ocp)
         layout = self.model.layout
-        self.n, self.nx, self.nu = len(layout.q), len(layout.x), len(layout.u)
+        self.n, self.nx, self.inputs = len(layout.q), len(layout.x), len(layout.u)
+        self.nu = len(self.objective.u_scale)  # inputs and slacks
         self.na = stages * self.n
         self.nw = self.nu + self.na + self.nx  # variables an interval
         self.N = ocp.intervals
-        self.x_scale, self.u_scale = layout.x.scale, layout.u.scale
+        self.x_scale, self.u_scale = layout.x.scale, self.objective.u_scale
         self.a_scale = np.tile(layout.ddq.scale, stages)
         self.w_scale = np.tile(np.concatenate([self.u_scale, self.a_scale, self.x_scale]), self.N)
+        self.nr = sum(self.objective.references.values())  # references a node
 
     # --- vectors and trajectories -------------------------------------------------------------
 
-    def parameters(self, x: np.ndarray, u_before: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """p from the state now, the input before and the references at the nodes (N×3)."""
-        scaled = (x / self.x_scale, u_before / self.u_scale, np.asarray(targets).ravel())
-        return np.concatenate(scaled)
+    def references(self, given: References) -> np.ndarray:
+        """References at the nodes as a matrix (N×nr), by name; an array alone is "tip" (N×3)."""
+        named = given if isinstance(given, Mapping) else {"tip": given}
+        missing = [name for name in self.objective.references if name not in named]
+        if missing:
+            raise InputError(
+                f"references {', '.join(map(repr, missing))} are missing: this problem needs "
+                f"{', '.join(map(repr, self.objective.references))} at each of its {self.N} nodes"
+            )
+        columns = [
+            np.asarray(named[name], float).reshape(self.N, size)
+            for name, size in self.objective.references.items()
+        ]
+        return np.hstack([np.zeros((self.N, 0)), *columns])
+
+    def parameters(self, x: np.ndarray, u_before: np.ndarray, given: References) -> np.ndarray:
+        """p from the state now, the input before and the references at the nodes."""
+        before, references = self.decisions(u_before), self.references(given)
+        return np.concatenate([x / self.x_scale, before, references.ravel()])
+
+    def decisions(self, u: np.ndarray) -> np.ndarray:
+        """Scaled decisions of an interval (nu) from its input (SI, k): without slack."""
+        slacks = np.zeros(self.nu - self.inputs)
+        return np.concatenate([u / self.u_scale[: self.inputs], slacks])
 
     def split(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Inputs (N×k), stage accelerations (N×s·n) and states (N×nx) in SI."""
         rows = (np.asarray(w).ravel() * self.w_scale).reshape(self.N, self.nw)
-        return tuple(np.split(rows, [self.nu, self.nu + self.na], axis=1))  # type: ignore[return-value]
+        u, a, x = np.split(rows, [self.nu, self.nu + self.na], axis=1)
+        return u[:, : self.inputs], a, x
 
     def resting(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """A first guess: the arm stays where it is."""
-        row = np.concatenate([u / self.u_scale, np.zeros(self.na), x / self.x_scale])
+        row = np.concatenate([self.decisions(u), np.zeros(self.na), x / self.x_scale])
         return np.tile(row, self.N)
 
     def shifted(self, vector: np.ndarray, width: int) -> np.ndarray:
-        """A stage-wise vector one interval later, the last one repeated."""
-        return np.concatenate([vector[width:], vector[-width:]])
+        """A stage-wise vector one step later; what was last is repeated.
 
-    # --- one interval -------------------------------------------------------------------------
+        On a grid with long intervals the input, the multipliers and the accelerations are those
+        that hold a step later, and states lie on lines between the nodes.
+        """
+        if not self.ocp.grid:
+            return np.concatenate([vector[width:], vector[-width:]])
+        rows, nodes = vector.reshape(self.N, width), self.ocp.nodes
+        starts = np.concatenate([[0.0], nodes[:-1]])
+        later = np.searchsorted(nodes, starts + self.ocp.step, side="right")
+        found = rows[np.minimum(later, self.N - 1)].copy()
+        if width == self.nw:
+            first = self.nu + self.na
+            at = np.minimum(nodes + self.ocp.step, nodes[-1])
+            for column in range(first, width):
+                found[:, column] = np.interp(at, nodes, rows[:, column])
+        return np.asarray(found.ravel())
+
+    # --- the parts of the program -------------------------------------------------------------
 
     @cached_property
-    def _drive(self) -> tuple[list[tuple[np.ndarray, np.ndarray]], tuple[np.ndarray, np.ndarray]]:
-        """Exact discrete hydraulics up to each stage, and to the end of the interval."""
-        drive, h = self.model.drive, self.ocp.step
-        steps = [held_input(drive.A, drive.B, c * h) for c in self.tableau.c]
-        return steps, steps[-1]
+    def intervals(self) -> tuple[Interval, ...]:
+        """The intervals (N); those of one length are one object."""
+        scales = Scales(self.x_scale, self.u_scale, self.a_scale)
+        kinds = {
+            ratio: Interval(self.model, self.tableau, scales, ratio * self.ocp.step)
+            for ratio in set(self.ocp.ratios.tolist())
+        }
+        return tuple(kinds[ratio] for ratio in self.ocp.ratios.tolist())
 
-    @cached_property
+    @property
     def interval(self) -> ca.Function:
-        """(x, u, a) scaled -> defects (s·n residuals, then x⁺) and their Jacobian."""
-        looped = self.model.residual_jacobian.is_a("MXFunction")  # a call on SX would unroll it
-        kind: Any = ca.MX if looped else ca.SX
-        x, u, a = (kind.sym(s, k) for s, k in (("x", self.nx), ("u", self.nu), ("a", self.na)))
-        X, U, A = x * self.x_scale, u * self.u_scale, a * self.a_scale
-        rows, jacobians = self._stage_rows(X, U, A)
-        after = ca.vertcat(*self._end(X, U, A)) / self.x_scale
-        scale = ca.DM(np.concatenate([self.x_scale, self.u_scale, self.a_scale]))
-        J = ca.vertcat(*jacobians) @ ca.diag(scale)
-        J = ca.vertcat(J, ca.jacobian(after, ca.vertcat(x, u, a)))
-        outputs = [ca.vertcat(*rows, after), J if looped else ca.sparsify(J)]
-        return ca.Function("interval", [x, u, a], outputs, {"cse": True})
-
-    def _at_stage(self, s: int, X: Any, U: Any, A: Any) -> tuple[Any, ...]:
-        n, h, t = self.n, self.ocp.step, self.tableau
-        q, dq, z = ca.vertsplit(X, [0, n, 2 * n, self.nx])
-        a = ca.vertsplit(A, n)
-        squared = t.A @ t.A
-        q_s = q + t.c[s] * h * dq + h**2 * sum(squared[s, j] * a_j for j, a_j in enumerate(a))
-        dq_s = dq + h * sum(t.A[s, j] * a_j for j, a_j in enumerate(a))
-        phi, gamma = self._drive[0][s]
-        return (
-            q_s,
-            dq_s,
-            a[s],
-            self.model.pressures(sparse_times(phi, z) + sparse_times(gamma, U), U),
-        )
-
-    def _stage_rows(self, X: Any, U: Any, A: Any) -> tuple[list[Any], list[Any]]:
-        """Scaled residuals of all stages, and their Jacobians in (X, U, A), SI columns."""
-        model, h, t = self.model, self.ocp.step, self.tableau
-        squared, scale = t.A @ t.A, model.layout.r.scale
-        eye = ca.DM.eye(self.n)
-        rows, jacobians = [], []
-        for s in range(len(t.c)):
-            at = self._at_stage(s, X, U, A)
-            by_q, by_dq, by_ddq, by_p = model.residual_jacobian(*at)
-            to_a = [
-                by_q * (h**2 * squared[s, j]) + by_dq * (h * t.A[s, j]) for j in range(len(t.c))
-            ]
-            to_a[s] = to_a[s] + by_ddq
-            phi, gamma = self._drive[0][s]
-            drive = model.drive
-            to_z = by_p @ ca.sparsify(ca.DM(drive.C @ phi))
-            to_u = by_p @ ca.sparsify(ca.DM(drive.C @ gamma + drive.D))
-            to_dq = by_q @ (t.c[s] * h * eye) + by_dq
-            rows.append(model.residual(*at) / scale)
-            J = ca.horzcat(by_q, to_dq, to_z, to_u, *to_a)
-            jacobians.append(ca.diag(ca.DM(1 / scale)) @ J)
-        return rows, jacobians
-
-    def _end(self, X: Any, U: Any, A: Any) -> tuple[Any, Any, Any]:
-        """State at the end of the interval: the last stage is stiffly accurate."""
-        q, dq, _, _ = self._at_stage(len(self.tableau.c) - 1, X, U, A)
-        phi, gamma = self._drive[1]
-        return q, dq, sparse_times(phi, X[2 * self.n :]) + sparse_times(gamma, U)
-
-    # --- costs and limits ---------------------------------------------------------------------
-
-    @cached_property
-    def _stage(self) -> Stage:
-        return Stage.of(self.model)
-
-    @cached_property
-    def _symbols(self) -> list[ca.SX]:
-        """Scaled (u_before, u, x) of an interval, and its target."""
-        sizes = (("u_before", self.nu), ("u", self.nu), ("x", self.nx))
-        return [*(ca.SX.sym(name, size) for name, size in sizes), self._stage.target]
-
-    def _scaled(self, expression: ca.SX) -> ca.SX:
-        """An expression of the stage in scaled symbols."""
-        stage, (u_before, u, x, _) = self._stage, self._symbols
-        values = [u_before * self.u_scale, u * self.u_scale, x * self.x_scale]
-        return ca.substitute([expression], [stage.u_before, stage.u, stage.x], values)[0]
-
-    @cached_property
-    def cost(self) -> ca.Function:
-        """(u_before, u, x, target) scaled -> ½ e·e, its gradient and JᵀJ (upper half)."""
-        residuals = [c.residual(self._stage) for c in self.ocp.costs]
-        e = self._scaled(ca.vertcat(*residuals))
-        J = ca.jacobian(e, ca.vertcat(*self._symbols[:3]))
-        outputs = [0.5 * ca.sumsqr(e), ca.densify(J.T @ e), ca.triu(ca.sparsify(J.T @ J))]
-        return ca.Function("cost", self._symbols, outputs, {"cse": True})
-
-    @cached_property
-    def _limits(self) -> tuple[list[tuple[int, float, float]], list[tuple[ca.SX, Rows, int]]]:
-        """Limits that bound one variable of (u_before, u, x), and those that do not."""
-        simple, general = [], []
-        for limit in self.ocp.limits:
-            rows = limit.rows(self._stage)
-            value = self._scaled(rows.value / rows.scale)
-            J = ca.jacobian(value, ca.vertcat(*self._symbols[:3]))
-            low, high = rows.low / rows.scale, rows.high / rows.scale
-            for i in range(value.shape[0]):
-                columns = J[i, :].sparsity().get_col()
-                if len(columns) == 1 and J[i, columns[0]].is_constant() and columns[0] >= self.nu:
-                    slope = float(J[i, columns[0]])
-                    ends = sorted((low[i] / slope, high[i] / slope))
-                    simple.append((columns[0] - self.nu, *ends))
-                else:
-                    general.append((value[i], rows, i))
-        return simple, general
-
-    @cached_property
-    def limit(self) -> ca.Function | None:
-        """(u_before, u, x, target) scaled -> rows of the limits that are no bounds."""
-        general = self._limits[1]
-        if not general:
-            return None
-        value = ca.vertcat(*(v for v, _, _ in general))
-        J = ca.sparsify(ca.jacobian(value, ca.vertcat(*self._symbols[:3])))
-        return ca.Function("limit", self._symbols, [value, J], {"cse": True})
-
-    # --- the program --------------------------------------------------------------------------
+        """The step of the first interval, see `Interval.function`."""
+        return self.intervals[0].function
 
     @cached_property
     def program(self) -> NonlinearProgram:
@@ -221,18 +153,17 @@ class Transcription:
 
     def variable_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the scaled variables of one interval, (u, a, x)."""
-        low, high = np.full(self.nw, -np.inf), np.full(self.nw, np.inf)
-        for column, a, b in self._limits[0]:
-            i = column if column < self.nu else column + self.na
-            low[i], high[i] = max(low[i], a), min(high[i], b)
-        return low, high
+        free = np.full(self.na, np.inf)
+        low, high = self.objective.bounds
+        return (
+            np.concatenate([low[: self.nu], -free, low[self.nu :]]),
+            np.concatenate([high[: self.nu], free, high[self.nu :]]),
+        )
 
     def row_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the constraints of one interval: defects are zero, limits as they say."""
-        zero = np.zeros(self.na + self.nx)
-        general = self._limits[1]
-        low = [rows.low[i] / rows.scale[i] for _, rows, i in general]
-        high = [rows.high[i] / rows.scale[i] for _, rows, i in general]
+        zero, rows = np.zeros(self.na + self.nx), self.objective.rows
+        low, high = ([getattr(row, side) for row in rows] for side in ("low", "high"))
         return np.concatenate([zero, low]), np.concatenate([zero, high])
 
     def variable_names(self) -> list[str]:
@@ -240,7 +171,7 @@ class Transcription:
         layout = self.model.layout
         stages = range(1, len(self.tableau.c) + 1)
         a = [f"{name} (stage {s})" for s in stages for name in layout.ddq.names]
-        return [*layout.u.names, *a, *layout.x.names]
+        return [*self.objective.u_names, *a, *layout.x.names]
 
     def row_names(self) -> list[str]:
         """Names of the constraints of one interval."""
@@ -248,7 +179,7 @@ class Transcription:
         stages = range(1, len(self.tableau.c) + 1)
         residuals = [f"{name} (stage {s})" for s in stages for name in layout.r.names]
         nodes = [f"continuity of {name}" for name in layout.x.names]
-        return [*residuals, *nodes, *(rows.names[i] for _, rows, i in self._limits[1])]
+        return [*residuals, *nodes, *(row.name for row in self.objective.rows)]
 
 
 def _require_linear_drive(model: Model) -> None:

@@ -11,8 +11,9 @@ import time
 
 import numpy as np
 
-from softmpc.control.ipopt import Ipopt, Solution
+from softmpc.control.ipopt import Ipopt
 from softmpc.control.ocp import tracking_problem
+from softmpc.control.solver import Solution
 from softmpc.control.transcription import Transcription
 from softmpc.model.model import build
 from softmpc.model.presets import chen2022

@@ -1,0 +1,103 @@
+"""One interval of a transcription as a CasADi function: the implicit step and its Jacobian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from softmpc.control.discretise import held_input
+from softmpc.model.model import Model, sparse_times
+from softmpc.simulation.tableau import Tableau
+
+__all__ = ["Interval", "Scales"]
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes of a state, of the decisions in an interval, and of its stage accelerations."""
+
+    x: np.ndarray
+    u: np.ndarray  # inputs of the model first
+    a: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """`length` seconds of one model by one tableau, its input held."""
+
+    model: Model
+    tableau: Tableau
+    scales: Scales
+    length: float
+
+    @cached_property
+    def drive(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Exact discrete hydraulics up to each stage, z = Φ z + Γ u; the last is the end."""
+        drive = self.model.drive
+        return [held_input(drive.A, drive.B, c * self.length) for c in self.tableau.c]
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """(x, u, a) scaled -> defects (s·n residuals, then x⁺) and their Jacobian."""
+        looped = self.model.residual_jacobian.is_a("MXFunction")  # a call on SX would unroll it
+        kind: Any = ca.MX if looped else ca.SX
+        x, u, a = (kind.sym(name, len(getattr(self.scales, name))) for name in "xua")
+        inputs = len(self.model.layout.u)
+        X, U, A = x * self.scales.x, (u * self.scales.u)[:inputs], a * self.scales.a
+        rows, jacobians = self._stage_rows(X, U, A)
+        after = ca.vertcat(*self._end(X, U, A)) / self.scales.x
+        J = ca.vertcat(*jacobians) @ ca.diag(ca.DM(self._columns(inputs)))
+        slacks = ca.DM(J.shape[0], len(self.scales.u) - inputs)
+        split = len(self.scales.x) + inputs
+        J = ca.horzcat(J[:, :split], slacks, J[:, split:])
+        J = ca.vertcat(J, ca.jacobian(after, ca.vertcat(x, u, a)))
+        outputs = [ca.vertcat(*rows, after), J if looped else ca.sparsify(J)]
+        return ca.Function("interval", [x, u, a], outputs, {"cse": True})
+
+    def _columns(self, inputs: int) -> np.ndarray:
+        return np.concatenate([self.scales.x, self.scales.u[:inputs], self.scales.a])
+
+    def _at_stage(self, s: int, X: Any, U: Any, A: Any) -> tuple[Any, ...]:
+        n, h, t = self.model.strains, self.length, self.tableau
+        q, dq, z = ca.vertsplit(X, [0, n, 2 * n, len(self.scales.x)])
+        a = ca.vertsplit(A, n)
+        squared = t.A @ t.A
+        q_s = q + t.c[s] * h * dq + h**2 * sum(squared[s, j] * a_j for j, a_j in enumerate(a))
+        dq_s = dq + h * sum(t.A[s, j] * a_j for j, a_j in enumerate(a))
+        phi, gamma = self.drive[s]
+        p = self.model.pressures(sparse_times(phi, z) + sparse_times(gamma, U), U)
+        return q_s, dq_s, a[s], p
+
+    def _stage_rows(self, X: Any, U: Any, A: Any) -> tuple[list[Any], list[Any]]:
+        """Scaled residuals of all stages, and their Jacobians in (X, U, A), SI columns."""
+        model, h, t = self.model, self.length, self.tableau
+        squared, scale = t.A @ t.A, model.layout.r.scale
+        eye = ca.DM.eye(model.strains)
+        rows, jacobians = [], []
+        for s in range(len(t.c)):
+            at = self._at_stage(s, X, U, A)
+            by_q, by_dq, by_ddq, by_p = model.residual_jacobian(*at)
+            to_a = [
+                by_q * (h**2 * squared[s, j]) + by_dq * (h * t.A[s, j]) for j in range(len(t.c))
+            ]
+            to_a[s] = to_a[s] + by_ddq
+            phi, gamma = self.drive[s]
+            drive = model.drive
+            to_z = by_p @ ca.sparsify(ca.DM(drive.C @ phi))
+            to_u = by_p @ ca.sparsify(ca.DM(drive.C @ gamma + drive.D))
+            to_dq = by_q @ (t.c[s] * h * eye) + by_dq
+            rows.append(model.residual(*at) / scale)
+            J = ca.horzcat(by_q, to_dq, to_z, to_u, *to_a)
+            jacobians.append(ca.diag(ca.DM(1 / scale)) @ J)
+        return rows, jacobians
+
+    def _end(self, X: Any, U: Any, A: Any) -> tuple[Any, Any, Any]:
+        """State at the end of the interval: the last stage is stiffly accurate."""
+        q, dq, _, _ = self._at_stage(len(self.tableau.c) - 1, X, U, A)
+        phi, gamma = self.drive[-1]
+        z = X[2 * self.model.strains :]
+        return q, dq, sparse_times(phi, z) + sparse_times(gamma, U)

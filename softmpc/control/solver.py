@@ -1,0 +1,53 @@
+"""What every solver of a transcribed problem gets and returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from softmpc.control.transcription import NonlinearProgram, Transcription
+
+__all__ = ["NO_MULTIPLIERS", "Solution", "Solver", "worst_violation"]
+
+NO_MULTIPLIERS = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What a solver found: scaled variables and multipliers, and how good they are."""
+
+    solved: bool  # good enough to be applied, and to start from
+    status: str  # of the solver
+    w: np.ndarray
+    lam_w: np.ndarray  # of the bounds; empty where a solver starts without
+    lam_g: np.ndarray
+    cost: float
+    violation: float  # largest violation of a scaled constraint
+    worst: str  # which one, by name
+    iterations: int
+    seconds: float
+    kkt: float = float("nan")  # largest residual of the conditions of an optimum, scaled
+    qp: str = ""  # how the last quadratic program ended, where there is one
+    share: float = 1.0  # of the last step that was taken
+
+
+class Solver(Protocol):
+    """Solves the program of one transcription again and again."""
+
+    transcription: Transcription
+
+    def solve(
+        self, parameters: np.ndarray, guess: np.ndarray, multipliers: Solution | None = None
+    ) -> Solution:
+        """Solve from `guess`; `multipliers` of a solved neighbour make it a warm start."""
+
+
+def worst_violation(program: NonlinearProgram, w: np.ndarray, g: np.ndarray) -> tuple[float, str]:
+    """The largest violation of a bound or constraint, and its name."""
+    over_w = np.maximum(program.bounds[0] - w, w - program.bounds[1])
+    over_g = np.maximum(program.bounds_g[0] - g, g - program.bounds_g[1])
+    over = np.nan_to_num(np.concatenate([over_w, over_g]), nan=np.inf)
+    i = int(np.argmax(over))
+    return float(max(over[i], 0.0)), (program.names + program.names_g)[i]
