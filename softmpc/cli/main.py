@@ -31,6 +31,7 @@ COMMANDS = {
     "info": "Show a scene as a model: states, inputs, effects, size.",
     "statics": "Find the posture at rest under pressures or torques.",
     "inverse": "Find pressures and torques that hold the tip at a place.",
+    "workspace": "Find where the tip can be at rest, and the limits of each section.",
     "simulate": "Run the motion that a scene describes.",
     "track": "Move the tip along a path by nonlinear MPC.",
     "compare": "Compare the section tips of two simulations.",
