@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,15 @@ def test_motion_without_noise_gives_the_truth_back() -> None:
     assert values["sections.bending_radius"] == pytest.approx(0.0298, rel=1e-5)
     assert values["sections.viscosity"] == pytest.approx(1e4, rel=1e-3)
     assert values["sections.mass"] == pytest.approx(0.56, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_problems_travel_to_workers(name: str) -> None:
+    """A search may be done in another process, or on another machine."""
+    problem = PROBLEMS[name]()
+    away = pickle.loads(pickle.dumps(problem))
+    x = problem.space.start
+    np.testing.assert_array_equal(away.predictions.at(x), problem.predictions.at(x))
 
 
 def test_coverage_of_a_few_seeds() -> None:
