@@ -12,19 +12,19 @@ from softmpc.study.paper_readings import OURS
 from softmpc.study.reproduce_statics import FULL, LIMIT_POSTURES
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
 from softmpc.view.paper_planes import base_plate, draw_band, draw_shape, frame_plane, key
-from softmpc.view.style import ALARM, COLOURS, GREY, INK, colour, figure, styled
+from softmpc.view.style import ALARM, GREY, INK, colour, figure, styled
+from softmpc.view.workspace import INNER, OUTER, VIEW, draw_shell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from softmpc.statics.workspace_result import Surface, Workspace
+    from softmpc.statics.workspace_result import Workspace
     from softmpc.study.paper_readings import PaperRuns
 
 __all__ = ["limits_figure"]
 
 LIMITS = {"−x limit": (FULL, 0.0, 0.0), "+x limit": (0.0, FULL, FULL)}
-INNER = COLOURS[2]
 CURVES, POINTS = 6, 41  # of the mesh in the plane xz, and of each of its curves
 Lines = list[np.ndarray]
 
@@ -40,14 +40,15 @@ def limits_figure(runs: PaperRuns, title: str) -> Figure:
     _draw_cut(made.add_subplot(grid[2]), arm, limits)
     _draw_limit_postures(made, grid[4], Arm(runs.weightless(OURS, 2)))
     handles, names = key(
-        ("section 1", {"color": colour(0), "linewidth": 4.0}),
-        ("section 2", {"color": colour(1), "linewidth": 4.0}),
-        ("outer surface", {"color": GREY, "linewidth": 4.0, "alpha": 0.5}),
-        ("inner surface", {"color": INNER, "linewidth": 4.0, "alpha": 0.6}),
-        ("tip, one pressure held", {"color": GREY, "linewidth": 0.7}),
-        ("tip, a pressure at its limit", {"color": ALARM, "linewidth": 1.3}),
+        ("(a) outer surface, cut open", {"color": OUTER, "linewidth": 4.0, "alpha": 0.55}),
+        ("(a) inner surface", {"color": INNER, "linewidth": 4.0}),
+        ("(a) −x and +x limit", {"color": INK, "linewidth": 2.0}),
+        ("(b) tip, one pressure held", {"color": GREY, "linewidth": 0.7}),
+        ("(b) tip, a pressure at its limit", {"color": ALARM, "linewidth": 1.3}),
+        ("(b), (c) section 1", {"color": colour(0), "linewidth": 4.0}),
+        ("(c) section 2", {"color": colour(1), "linewidth": 4.0}),
     )
-    made.legend(handles, names, loc="outside lower center", ncols=6)
+    made.legend(handles, names, loc="outside lower center", ncols=4)
     return made
 
 
@@ -59,23 +60,16 @@ def _draw_shell(
     made: Figure, place: Any, arm: Arm, workspace: Workspace, limits: dict[str, Lines]
 ) -> None:
     """(a) Outer and inner surface, and the limits in the plane xz."""
-    box = box_of(workspace.points, margin=0.01)
-    box[0, 2] = min(box[0, 2], 0.0)
-    axes = space(made, place, box, True, (28, -66), 1.0)
+    box = box_of(workspace.points, base_plate(arm), margin=0.01)
+    axes = space(made, place, box, True, VIEW, 1.0)
     draw_base(axes, 1.6 * max(arm.radii))
-    for surface, shade in ((workspace.outer, GREY), (workspace.inner, INNER)):
-        if surface is not None:
-            axes.plot_surface(*_closed(surface), color=shade, alpha=0.3, linewidth=0)
+    if workspace.shell is not None:
+        draw_shell(axes, workspace, True)
     for lines in limits.values():
         for line in lines:
-            axes.plot(*line.T, color=colour(0), linewidth=2.5)
+            axes.plot(*line.T, color=INK, linewidth=2.0)
             axes.plot(*line[-1:].T, "o", color=INK, markersize=4)
     axes.set_title("(a) where the tip of one section can be", loc="left")
-
-
-def _closed(surface: Surface) -> np.ndarray:
-    """Places (3×A+1×M) of the nodes, the first azimuth again at the end."""
-    return np.moveaxis(np.concatenate([surface.tips, surface.tips[:1]]), 2, 0)
 
 
 def _draw_cut(axes: Axes, arm: Arm, limits: dict[str, Lines]) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from softmpc.model.model import Model
     from softmpc.statics.workspace_result import Workspace
 
-__all__ = ["INNER", "OUTER", "limit_postures_figure", "workspace_figure"]
+__all__ = ["INNER", "OUTER", "VIEW", "draw_shell", "limit_postures_figure", "workspace_figure"]
 
 OUTER, INNER = COLOURS[0], COLOURS[1]
 VIEW = (18, -62)  # degrees: elevation, and azimuth of the eye
@@ -41,13 +41,13 @@ def workspace_figure(
     if workspace.shell is None or workspace.dimension < 3:
         axes.plot(*workspace.points.T, ".", color=OUTER, markersize=2.5, label="places in reach")
     else:
-        _draw_shell(axes, workspace, arm.hangs)
+        draw_shell(axes, workspace, arm.hangs)
     handles, _ = axes.get_legend_handles_labels()
     made.legend(handles=handles or _key(), loc="outside lower center", ncols=4)
     return made
 
 
-def _draw_shell(axes: Any, workspace: Workspace, hangs: bool) -> None:
+def draw_shell(axes: Any, workspace: Workspace, hangs: bool) -> None:
     """The far half of the outer surface, the whole inner one before it, and their common rim."""
     assert workspace.shell is not None
     azimuths = _fine(workspace.azimuths)
