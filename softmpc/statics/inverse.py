@@ -27,7 +27,7 @@ from softmpc.statics.inverse_result import (
 )
 from softmpc.statics.program import RestProgram, RestSolution
 from softmpc.statics.rest_costs import LeastPressure, RestCost
-from softmpc.statics.rest_limits import torques_at_rest
+from softmpc.statics.rest_limits import beyond_limits, torques_at_rest
 from softmpc.statics.rest_spread import Spread
 from softmpc.statics.sensitivities import Sensitivities, tip_compliance
 from softmpc.statics.targets import Target, as_targets
@@ -122,14 +122,15 @@ class InverseStatics:
         """Derivatives at a solution: compliance, and how pressures follow the targets.
 
         With the limits that are active now; where one is about to become so they hold to one side.
-        NaN where the pressures are not settled, as by `GreatestMargin` where units are to spare.
+        NaN where the pressures are not settled, as by `GreatestMargin` where units are to spare,
+        and where the result is no optimum.
         """
-        inverse, targets = self._inverse(result.targets), result.targets
-        solution = result.solution
-        if solution is None:  # no start led to one: try once more from where it is
-            guess = self.program.guess(result.q, result.pressures, np.zeros(inverse.extra))
-            solution = inverse.solver(guess, self._values(targets, result))
-        slopes = inverse.solver.derivative(solution)
+        targets, solution, model = result.targets, result.solution, self.model
+        n, m = model.strains, len(self.program.limits.low)
+        if solution is None:
+            slopes = np.full((n + m, sum(len(target.values) for target in targets)), np.nan)
+        else:
+            slopes = self._inverse(targets).solver.derivative(solution)
         names, columns, place = [], [], 0
         for target in targets:
             own, moved = target.moves()
@@ -137,13 +138,13 @@ class InverseStatics:
             names += [name + section for name in own]
             columns.append(slopes[:, place : place + len(moved)] @ moved)
             place += len(moved)
-        by_moves, n = np.hstack(columns), self.model.strains
-        pressures = by_moves[n : n + len(self.program.limits.low)]
+        by_moves = np.hstack(columns)
+        pressures = by_moves[n : n + m]
         return Sensitivities(
-            compliance=tip_compliance(self.model, result.posture),
+            compliance=tip_compliance(model, result.posture),
             moves=tuple(names),
             pressures=pressures,
-            torques=torques_at_rest(self.model, pressures),
+            torques=torques_at_rest(model, pressures),
             strains=by_moves[:n],
         )
 
@@ -215,10 +216,13 @@ class InverseStatics:
             posture = refine_equilibrium(self.model, found.pressures, found.q)
         return self._candidate(found, posture, same, targets)
 
-    def _nearest_start(self, targets: tuple[Target, ...]) -> Candidate:
-        k = int(np.argmin(np.linalg.norm(self._spread_off(targets), axis=1)))
-        posture = self.spread.postures[k]
-        return self._candidate(None, posture, posture.converged, targets)
+    def _of_spread(self, targets: tuple[Target, ...]) -> Candidate | None:
+        """The nearest posture of the spread that is stable and allowed, if any is."""
+        for k in np.argsort(np.linalg.norm(self._spread_off(targets), axis=1)):
+            rest = self.spread.postures[k]
+            if rest.stable and not beyond_limits(self.model, rest.q, rest.pressures):
+                return self._candidate(None, rest, True, targets)
+        return None
 
     def _candidate(
         self,
@@ -247,11 +251,15 @@ class InverseStatics:
         starts: int,
         seconds: float,
     ) -> InverseResult:
-        status = NO_CONVERGENCE
-        if best is None:
-            best = self._nearest_start(targets)
-        else:
-            status = SOLVED if best.miss <= HIT else UNREACHABLE
+        status = NO_CONVERGENCE if best is None else SOLVED
+        if best is None or best.miss > HIT:
+            # IPOPT knows nothing of stability: where it finds other postures only, one of these.
+            status = NO_CONVERGENCE if best is None else UNREACHABLE
+            known = [one for one in (best, self._of_spread(targets)) if one is not None]
+            best = min(known, key=lambda one: one.rank, default=None)
+        if best is None:  # no posture at all, or none within the limits
+            rest = self.spread.postures[0]
+            best = self._candidate(None, rest, rest.converged, targets)
         posture, model = best.posture, self.model
         return InverseResult(
             status=status,

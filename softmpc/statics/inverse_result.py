@@ -21,7 +21,8 @@ class InverseResult:
     """The posture that holds the targets, or the nearest one, SI.
 
     `status` is "solved"; "unreachable": this is the nearest posture found; or "no convergence":
-    no start led to a solution, and the posture is only the nearest of those it started from.
+    no start led to a solution, and this is a posture that some start had. `solution` is None then,
+    and for an unreachable target near which the arm has unstable postures only.
     """
 
     status: str
