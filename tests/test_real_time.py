@@ -25,6 +25,7 @@ from softmpc.control.trajectory import Moment, Trajectory
 from softmpc.control.transcription import Transcription
 from softmpc.errors import InputError
 from softmpc.model.actuation import PressureDrive
+from softmpc.model.effects import Gravity, MaterialDamping
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
@@ -71,10 +72,17 @@ def moment_at(t: Transcription, model: Model) -> tuple[np.ndarray, np.ndarray, n
     return p, guess, x
 
 
-@pytest.mark.parametrize("drive", [None, PressureDrive()])
-def test_linearisation_is_the_jacobian_of_the_program(drive) -> None:
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene(chen2022()),
+        Scene(chen2022(), actuation=PressureDrive()),
+        Scene(chen2022(), effects=(Gravity(), MaterialDamping())),
+    ],
+    ids=["hydraulic", "pressures", "without inertia"],
+)
+def test_linearisation_is_the_jacobian_of_the_program(scene: Scene) -> None:
     """Eliminating stages from CasADi's own Jacobian of the program gives the same matrices."""
-    scene = Scene(chen2022()) if drive is None else Scene(chen2022(), actuation=drive)
     model = build(scene)
     t = Transcription(everything(model))
     p, w, _ = moment_at(t, model)

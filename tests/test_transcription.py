@@ -20,7 +20,7 @@ from softmpc.control.stage import Stage
 from softmpc.control.transcription import Transcription
 from softmpc.errors import BuildError, InputError
 from softmpc.model.actuation import PressureDrive, StaticDrive
-from softmpc.model.effects import Gravity, Inertia
+from softmpc.model.effects import EnvironmentDamping, Gravity, Inertia, MaterialDamping
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
@@ -247,10 +247,37 @@ def test_bad_problems_are_refused(model: Model, make, message: str) -> None:
         make(model)
 
 
-def test_quasi_static_scene_is_refused_with_advice() -> None:
-    model = build(Scene(chen2022(), effects=(Gravity(),)))
-    with pytest.raises(BuildError, match="inertia"):
-        tracking_problem(model)
+@pytest.mark.parametrize("damped", [True, False])
+def test_without_inertia_the_arm_follows_its_pressures(damped: bool) -> None:
+    """Damped: D(q) dq = -r(q, 0, 0, P), integrated by SciPy. Undamped: always at rest."""
+    effects = (Gravity(), MaterialDamping(), EnvironmentDamping()) if damped else (Gravity(),)
+    model = build(Scene(chen2022(), effects=effects))
+    u, n, step = TORQUE + np.array([0.3, 0, 0, 0, 0.2, 0]), model.strains, 0.02
+    x0, _ = at_rest(model, TORQUE)
+    t = Transcription(Ocp(model, 1, step, (TipPosition(), Torque()), ()))
+    a = ca.MX.sym("a", t.na)
+    defects, after = _split(t, t.interval(x0 / t.x_scale, t.decisions(u), a)[0])
+    solve = ca.rootfinder("s", "newton", {"x": a, "g": defects})
+    end = np.asarray(ca.Function("end", [a], [after])(solve(np.zeros(t.na), []))).ravel()
+    end = end * t.x_scale
+
+    def rates(_: float, y: np.ndarray) -> np.ndarray:
+        q, z = y[:n], y[n:]
+        p = model.drive.C @ z
+        r = np.asarray(model.residual(q, 0, 0, p)).ravel()
+        D = np.asarray(model.residual_jacobian(q, 0, 0, p)[1])
+        return np.concatenate([np.linalg.solve(D, -r), model.drive.A @ z + model.drive.B @ u])
+
+    if damped:
+        y0, scale = np.delete(x0, slice(n, 2 * n)), np.delete(t.x_scale, slice(n, 2 * n))
+        exact = solve_ivp(rates, (0, step), y0, "Radau", rtol=1e-9, atol=1e-9 * scale).y[:n, -1]
+        assert np.abs((end[:n] - exact) / t.x_scale[:n]).max() < 2e-3
+    else:
+        rest = find_equilibrium(model, model.drive.C @ end[2 * n :])
+        assert end[:n] == pytest.approx(rest.q, rel=1e-7, abs=1e-9)
+
+
+def test_strains_without_mass_are_refused_with_advice() -> None:
     massless = build(Scene(chen2022(), effects=(Gravity(), Inertia())))
     with pytest.raises(BuildError, match="kappa_z_1_1"):
         tracking_problem(massless)

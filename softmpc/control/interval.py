@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from softmpc.control.discretise import held_input
+from softmpc.control.step_form import StepForm
 from softmpc.model.model import Model, sparse_times
 from softmpc.simulation.tableau import Tableau
 
@@ -33,6 +34,11 @@ class Interval:
     tableau: Tableau
     scales: Scales
     length: float
+
+    @cached_property
+    def form(self) -> StepForm:
+        """How the unknowns make strains and rates."""
+        return StepForm.of(self.model, self.tableau, self.length)
 
     @cached_property
     def drive(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -62,34 +68,33 @@ class Interval:
         return np.concatenate([self.scales.x, self.scales.u[:inputs], self.scales.a])
 
     def _at_stage(self, s: int, X: Any, U: Any, A: Any) -> tuple[Any, ...]:
-        n, h, t = self.model.strains, self.length, self.tableau
+        n, form = self.model.strains, self.form
         q, dq, z = ca.vertsplit(X, [0, n, 2 * n, len(self.scales.x)])
         a = ca.vertsplit(A, n)
-        squared = t.A @ t.A
-        q_s = q + t.c[s] * h * dq + h**2 * sum(squared[s, j] * a_j for j, a_j in enumerate(a))
-        dq_s = dq + h * sum(t.A[s, j] * a_j for j, a_j in enumerate(a))
+        q_s = q + sum(form.to_strain[s, j] * a_j for j, a_j in enumerate(a))
+        dq_s = sum(form.to_rate[s, j] * a_j for j, a_j in enumerate(a))
+        if form.accelerates:
+            q_s, dq_s = q_s + form.of_rate[s] * dq, dq_s + dq
         phi, gamma = self.drive[s]
         p = self.model.pressures(sparse_times(phi, z) + sparse_times(gamma, U), U)
-        return q_s, dq_s, a[s], p
+        return q_s, dq_s, a[s] if form.accelerates else 0 * a[s], p
 
     def _stage_rows(self, X: Any, U: Any, A: Any) -> tuple[list[Any], list[Any]]:
         """Scaled residuals of all stages, and their Jacobians in (X, U, A), SI columns."""
-        model, h, t = self.model, self.length, self.tableau
-        squared, scale = t.A @ t.A, model.layout.r.scale
-        eye = ca.DM.eye(model.strains)
+        model, form, scale = self.model, self.form, self.model.layout.r.scale
+        stages = range(len(self.tableau.c))
         rows, jacobians = [], []
-        for s in range(len(t.c)):
+        for s in stages:
             at = self._at_stage(s, X, U, A)
             by_q, by_dq, by_ddq, by_p = model.residual_jacobian(*at)
-            to_a = [
-                by_q * (h**2 * squared[s, j]) + by_dq * (h * t.A[s, j]) for j in range(len(t.c))
-            ]
-            to_a[s] = to_a[s] + by_ddq
+            to_a = [by_q * form.to_strain[s, j] + by_dq * form.to_rate[s, j] for j in stages]
+            if form.accelerates:
+                to_a[s] = to_a[s] + by_ddq
             phi, gamma = self.drive[s]
             drive = model.drive
             to_z = by_p @ ca.sparsify(ca.DM(drive.C @ phi))
             to_u = by_p @ ca.sparsify(ca.DM(drive.C @ gamma + drive.D))
-            to_dq = by_q @ (t.c[s] * h * eye) + by_dq
+            to_dq = by_q * form.of_rate[s] + by_dq * form.kept
             rows.append(model.residual(*at) / scale)
             J = ca.horzcat(by_q, to_dq, to_z, to_u, *to_a)
             jacobians.append(ca.diag(ca.DM(1 / scale)) @ J)

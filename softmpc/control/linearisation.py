@@ -60,7 +60,6 @@ class Linearisation:
 
     def __init__(self, t: Transcription, mode: str = "auto") -> None:
         self.t, self.mode = t, mode
-        self.steps = t.ocp.step * t.ocp.ratios
 
     def make(self) -> None:
         """Make all functions now, so that the first solve need not."""
@@ -116,19 +115,25 @@ class Linearisation:
         phi, gamma = ([[pair[i] for pair in drive] for drive in pairs] for i in (0, 1))
         return np.array(phi), np.array(gamma)
 
+    @cached_property
+    def _forms(self) -> dict[str, Array]:
+        """The forms of the steps of all intervals, by the names of their parts (N×…)."""
+        forms = [interval.form for interval in self.t.intervals]
+        names = ("of_rate", "to_strain", "kept", "to_rate", "accelerates")
+        return {name: np.array([getattr(form, name) for form in forms], float) for name in names}
+
     def _at_stages(self, before: Array, at: Trajectory) -> tuple[Array, ...]:
         """q, dq, ddq (N×s×n), p (N×s×m) and z (N×s×h) at the stages, SI."""
-        t, h = self.t, self.steps[:, None, None]
-        n, tableau = t.n, t.tableau
+        t, n, forms = self.t, self.t.n, self._forms
         X, U = before * t.x_scale, (at.u * t.u_scale)[:, : t.inputs]
         a = (at.a * t.a_scale).reshape(t.N, -1, n)
-        c = tableau.c[:, None]
-        q = X[:, None, :n] + c * h * X[:, None, n : 2 * n] + h**2 * (tableau.A @ tableau.A @ a)
-        dq = X[:, None, n : 2 * n] + h * (tableau.A @ a)
+        rate = X[:, None, n : 2 * n]
+        q = X[:, None, :n] + forms["of_rate"][:, :, None] * rate + forms["to_strain"] @ a
+        dq = forms["kept"][:, None, None] * rate + forms["to_rate"] @ a
         phi, gamma = self._drive
         z = (phi @ X[:, None, 2 * n :, None] + gamma @ U[:, None, :, None])[..., 0]
         p = z @ t.model.drive.C.T + (U @ t.model.drive.D.T)[:, None]
-        return q, dq, a, p, z
+        return q, dq, a * forms["accelerates"][:, None, None], p, z
 
     def _end(self, stages: tuple[Array, ...]) -> Array:
         """State at the ends of the intervals, scaled: the last stage is stiffly accurate."""
@@ -191,15 +196,14 @@ class Linearisation:
 
     def _slopes(self, K: Array, D: Array, M: Array, P: Array) -> Array:
         """Scaled Jacobian of the stage residuals in (x, u, a) (N × s·n × …)."""
-        t, h = self.t, self.steps[:, None, None, None]
-        n, count, tableau = t.n, len(t.tableau.c), t.tableau
+        t, n, count, forms = self.t, self.t.n, len(self.t.tableau.c), self._forms
         phi, gamma = self._drive
-        C, squared = t.model.drive.C, tableau.A @ tableau.A
-        by_dq = tableau.c[:, None, None] * h * K + D
+        C, wide = t.model.drive.C, (slice(None), slice(None), None, None)
+        by_dq = forms["of_rate"][wide] * K + forms["kept"][:, None, None, None] * D
         parts = [K, by_dq, P @ (C @ phi), P @ (C @ gamma + t.model.drive.D)]
         for j in range(count):
-            part = h**2 * squared[:, j, None, None] * K + h * tableau.A[:, j, None, None] * D
-            part[:, j] += M[:, j]
+            part = forms["to_strain"][:, :, j][wide] * K + forms["to_rate"][:, :, j][wide] * D
+            part[:, j] += forms["accelerates"][:, None, None] * M[:, j]
             parts.append(part)
         parts.insert(4, np.zeros((t.N, count, n, t.nu - t.inputs)))  # slacks move nothing
         rows = np.concatenate(parts, axis=3).reshape(t.N, count * n, -1)
@@ -212,19 +216,19 @@ class Linearisation:
     @cached_property
     def _end_slopes(self) -> Array:
         """Scaled Jacobian of the state at the end in (x, u, a), constant (N×nx×…)."""
-        t, n, tableau = self.t, self.t.n, self.t.tableau
-        squared, eye = (tableau.A @ tableau.A)[-1], np.eye(n)
+        t, n, eye = self.t, self.t.n, np.eye(self.t.n)
         phi, gamma = self._drive
         found = np.zeros((t.N, t.nx, t.nx + t.nu + t.na))
-        for k, h in enumerate(self.steps):
-            found[k, :n, :n] = found[k, n : 2 * n, n : 2 * n] = eye
-            found[k, :n, n : 2 * n] = h * eye
+        for k, form in enumerate(interval.form for interval in t.intervals):
+            found[k, :n, :n] = eye
+            found[k, n : 2 * n, n : 2 * n] = form.kept * eye
+            found[k, :n, n : 2 * n] = form.of_rate[-1] * eye
             found[k, 2 * n :, 2 * n : t.nx] = phi[k, -1]
             found[k, 2 * n :, t.nx : t.nx + t.inputs] = gamma[k, -1]
-            for j in range(len(tableau.c)):
+            for j in range(len(t.tableau.c)):
                 place = t.nx + t.nu + j * n
-                found[k, :n, place : place + n] = h**2 * squared[j] * eye
-                found[k, n : 2 * n, place : place + n] = h * tableau.A[-1, j] * eye
+                found[k, :n, place : place + n] = form.to_strain[-1, j] * eye
+                found[k, n : 2 * n, place : place + n] = form.to_rate[-1, j] * eye
         return np.asarray(found * self._columns / t.x_scale[:, None])
 
 

@@ -47,7 +47,8 @@ class Ocp:
         object.__setattr__(self, "grid", tuple(float(n) for n in self.grid))
         if self.grid:
             self._check_grid()
-        self.model.require_mass("an optimal-control problem")
+        if self.model.order == 2:
+            self.model.require_mass("an optimal-control problem")
 
     def _check_grid(self) -> None:
         if len(self.grid) != self.intervals:

@@ -8,6 +8,8 @@ to node and to the stages, outside the automatic differentiation.
     stage    r(q_s, dq_s, a_s, P_s) = 0
     node     q⁺ = q + h dq + h² Σ (bA)_j a_j,  dq⁺ = dq + h Σ b_j a_j,  z⁺ = Φ z + Γ u
 
+Without inertia the unknowns are the rates at the stages, see `StepForm`.
+
 Variables are scaled. Their order is u_0, a_0, x_1, u_1, a_1, x_2, …, slacks with the inputs; x_0,
 the input before and the references are parameters. Small functions are mapped over the horizon,
 and the Jacobian and the Gauss-Newton Hessian are put together from their nonzeros.
@@ -26,6 +28,7 @@ from numpy.typing import ArrayLike
 from softmpc.control.interval import Interval, Scales
 from softmpc.control.objective import Objective
 from softmpc.control.ocp import Ocp
+from softmpc.control.step_form import StepForm
 from softmpc.errors import BuildError, InputError
 from softmpc.model.model import Model
 from softmpc.simulation.tableau import Tableau, radau_iia
@@ -66,7 +69,7 @@ class Transcription:
         self.nw = self.nu + self.na + self.nx  # variables an interval
         self.N = ocp.intervals
         self.x_scale, self.u_scale = layout.x.scale, self.objective.u_scale
-        self.a_scale = np.tile(layout.ddq.scale, stages)
+        self.a_scale = StepForm.scale(self.model, stages)
         self.w_scale = np.tile(np.concatenate([self.u_scale, self.a_scale, self.x_scale]), self.N)
         self.nr = sum(self.objective.references.values())  # references a node
 
@@ -170,7 +173,8 @@ class Transcription:
         """Names of the variables of one interval."""
         layout = self.model.layout
         stages = range(1, len(self.tableau.c) + 1)
-        a = [f"{name} (stage {s})" for s in stages for name in layout.ddq.names]
+        kind = layout.ddq if self.model.order == 2 else layout.dq
+        a = [f"{name} (stage {s})" for s in stages for name in kind.names]
         return [*self.objective.u_names, *a, *layout.x.names]
 
     def row_names(self) -> list[str]:
