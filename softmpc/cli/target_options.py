@@ -104,11 +104,19 @@ def read_targets(path: Path) -> list[list[Target]]:
     ]
     rows = [(n, row) for n, row in rows if any(row) and not row[0].startswith("#")]
     with errors_in(f"targets {path}"):
-        if rows and any(cell.isidentifier() for cell in rows[0][1]):
+        if rows and not any(_is_number(cell) for cell in rows[0][1]):
             _check_header(rows.pop(0)[1])
         if not rows:
             raise InputError("has no targets: give a row x,y,z or x,y,z,dx,dy,dz for each")
         return [_target(number, row) for number, row in rows]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _check_header(names: list[str]) -> None:
@@ -139,7 +147,6 @@ def _target(number: int, row: list[str]) -> list[Target]:
 def _cell(text: str) -> float | None:
     if text in FREE:
         return None
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"{text!r} is not a number") from None
+    if not _is_number(text):
+        raise InputError(f"{text!r} is not a number")
+    return float(text)

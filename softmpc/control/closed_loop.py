@@ -11,9 +11,9 @@ from softmpc.control.mpc import Mpc, Step
 from softmpc.control.paths import Reference
 from softmpc.control.track_result import TrackResult
 from softmpc.errors import InputError
+from softmpc.interrupts import InterruptLater
 from softmpc.model.model import Model
 from softmpc.simulation.integrator import IntegrationError, Integrator
-from softmpc.simulation.interrupts import InterruptLater
 from softmpc.statics.equilibrium import Equilibrium
 
 __all__ = ["Start", "close_loop", "start_at"]

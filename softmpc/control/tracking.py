@@ -28,12 +28,12 @@ from softmpc.control.paths import (
 from softmpc.control.track_result import TrackResult
 from softmpc.control.transcription import Transcription
 from softmpc.errors import SceneError, errors_in
+from softmpc.interrupts import InterruptLater
 from softmpc.model.model import build
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document, scene_from_dict
 from softmpc.model.tables import Table
 from softmpc.simulation.idas import Idas
-from softmpc.simulation.interrupts import InterruptLater
 from softmpc.statics.clearance import Clearance, find_clearance
 from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.targets import Position

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from softmpc.errors import InputError, errors_in
+from softmpc.interrupts import InterruptLater
 from softmpc.model.model import Model, build
 from softmpc.model.scene_file import read_document, scene_from_dict
 from softmpc.simulation.inputs import InputProfile
 from softmpc.simulation.integrator import IntegrationError, Integrator
-from softmpc.simulation.interrupts import InterruptLater
 from softmpc.simulation.methods import integrator_for
 from softmpc.simulation.result import Simulation, titles_of
 from softmpc.simulation.settings import STARTS, read_settings

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from softmpc.interrupts import InterruptLater
 from softmpc.model.model import Model
 from softmpc.statics.rest_limits import RestLimits, limit_rows, rest_limits
 
@@ -165,11 +166,15 @@ class RestSolver:
         else:
             x, lam_x, lam_g = start, np.zeros(len(start)), np.zeros(self.rows.numel())
         values = np.asarray(parameters, float).ravel()
-        found = self._ipopt(
-            x0=x, lam_x0=lam_x, lam_g0=lam_g, p=values,
-            lbx=self.bounds[0], ubx=self.bounds[1],
-            lbg=self.row_bounds[0], ubg=self.row_bounds[1],
-        )  # fmt: skip
+        ipopt = self._ipopt
+        with InterruptLater() as interrupt:
+            found = ipopt(
+                x0=x, lam_x0=lam_x, lam_g0=lam_g, p=values,
+                lbx=self.bounds[0], ubx=self.bounds[1],
+                lbg=self.row_bounds[0], ubg=self.row_bounds[1],
+            )  # fmt: skip
+        if interrupt.asked:
+            raise KeyboardInterrupt
         return self._solution(found, values)
 
     @cached_property

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from softmpc.errors import BuildError, InputError, SceneError, SoftmpcError, errors_in
+from softmpc.interrupts import InterruptLater
 from softmpc.model.model import Model, build
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document, scene_from_dict
 from softmpc.simulation.integrator import IntegrationError
-from softmpc.simulation.interrupts import InterruptLater
 from softmpc.simulation.result import Simulation
 from softmpc.simulation.settings import SimulationSettings, read_settings
 from softmpc.study.changes import Change

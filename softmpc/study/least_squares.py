@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from softmpc.errors import SoftmpcError
-from softmpc.simulation.interrupts import InterruptLater
+from softmpc.interrupts import InterruptLater
 
 __all__ = ["Fit", "minimise"]
 

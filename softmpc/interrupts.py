@@ -13,7 +13,8 @@ __all__ = ["InterruptLater"]
 class InterruptLater:
     """Within this context Ctrl-C only sets `asked`; a second one interrupts at once.
 
-    CasADi turns a KeyboardInterrupt that arrives inside one of its calls into other errors.
+    CasADi turns a KeyboardInterrupt that arrives inside one of its calls into other errors, or
+    into nothing at all. Inside another such context, it is the outer one that notes and acts.
     """
 
     def __init__(self) -> None:
@@ -21,7 +22,10 @@ class InterruptLater:
         self._before: Any = None
 
     def __enter__(self) -> InterruptLater:
-        if threading.current_thread() is threading.main_thread():  # others cannot set handlers
+        now = getattr(signal.getsignal(signal.SIGINT), "__self__", None)
+        inside = isinstance(now, InterruptLater)
+        main = threading.current_thread() is threading.main_thread()  # others set no handlers
+        if main and not inside:
             self._before = signal.signal(signal.SIGINT, self._note)
         return self
 
