@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softmpc.control.ipopt import Ipopt
-from softmpc.control.mpc import FAILURES_BEFORE_RESTART, Mpc
+from softmpc.control.mpc import RESTART_AFTER, Mpc
 from softmpc.control.ocp import tracking_problem
 from softmpc.control.solver import Solution
 from softmpc.control.transcription import Transcription
@@ -57,7 +57,7 @@ def inside(u: np.ndarray) -> bool:
 def test_second_step_starts_from_the_shifted_plan(loop) -> None:
     mpc, x, target = loop
     assert mpc.step(x, TORQUE, target).solved
-    good = mpc._good
+    good = mpc._plan.solution
     mpc.step(x, TORQUE, target)
     guess, multipliers = mpc.solver.calls[-1]
     width = mpc.transcription.nw
@@ -73,7 +73,7 @@ def test_input_that_is_not_finite_never_reaches_the_solver(loop, where: str, val
     given = {"x": x.copy(), "u": TORQUE.copy(), "target": target.copy()}
     given[where].flat[1] = value
     step = mpc.step(given["x"], given["u"], given["target"])
-    assert step.status == "failed: input not finite"
+    assert step.status == "input not finite"
     assert inside(step.u)
     assert len(mpc.solver.calls) == 1
 
@@ -86,7 +86,7 @@ def test_first_input_may_be_bad_too(loop) -> None:
 def test_failed_solve_follows_the_last_plan_and_is_never_a_warm_start(loop) -> None:
     mpc, x, target = loop
     mpc.step(x, TORQUE, target)
-    plan = mpc.transcription.split(mpc._good.w)[0]
+    plan = mpc.transcription.split(mpc._plan.solution.w)[0]
     mpc.solver.fail = True
     for k in range(1, INTERVALS + 4):
         step = mpc.step(x, TORQUE, target)
@@ -103,7 +103,7 @@ def test_restarts_from_rest_after_some_failures(loop) -> None:
     mpc, x, target = loop
     mpc.step(x, TORQUE, target)
     mpc.solver.fail = True
-    for _ in range(FAILURES_BEFORE_RESTART + 1):
+    for _ in range(RESTART_AFTER + 1):
         mpc.step(x, TORQUE, target)
     assert mpc.solver.calls[-1][1] is None
     mpc.solver.fail = False

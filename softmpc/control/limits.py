@@ -31,13 +31,14 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows `low ≤ value ≤ high` (SI), their names and scales."""
+    """Rows `low ≤ value ≤ high` (SI), their names, scales and units."""
 
     value: ca.SX
     low: np.ndarray
     high: np.ndarray
     scale: np.ndarray
     names: tuple[str, ...]
+    units: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,11 @@ class Limit(ABC):
     def rows(self, stage: Stage) -> Rows:
         """The rows of this limit."""
 
-    def _rows(self, value: ca.SX, scale: np.ndarray, names: tuple[str, ...]) -> Rows:
+    def _rows(
+        self, value: ca.SX, scale: np.ndarray, names: tuple[str, ...], units: tuple[str, ...]
+    ) -> Rows:
         ones = np.ones(value.shape[0])
-        return Rows(value, self.low * ones, self.high * ones, scale, names)
+        return Rows(value, self.low * ones, self.high * ones, scale, names, units)
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class TorqueLimit(Limit):
 
     def rows(self, stage: Stage) -> Rows:
         u = stage.model.layout.u
-        return self._rows(stage.u, u.scale, u.names)
+        return self._rows(stage.u, u.scale, u.names, u.units)
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,8 @@ class TorqueRateLimit(Limit):
 
     def rows(self, stage: Stage) -> Rows:
         u = stage.model.layout.u
-        return self._rows(stage.u - stage.u_before, u.scale, tuple(f"d{n}" for n in u.names))
+        names = tuple(f"d{n}" for n in u.names)
+        return self._rows(stage.u - stage.u_before, u.scale, names, u.units)
 
 
 @dataclass(frozen=True)
@@ -105,7 +109,7 @@ class PressureLimit(Limit):
 
     def rows(self, stage: Stage) -> Rows:
         p = stage.model.layout.p
-        return self._rows(stage.pressures, p.scale, p.names)
+        return self._rows(stage.pressures, p.scale, p.names, p.units)
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,8 @@ class StrokeLimit(Limit):
             raise InputError("StrokeLimit: this actuation has no pistons; use 'hydraulic'")
         names = tuple(f"x_piston_{j + 1}" for j in range(len(X)))
         travel = sparse_times(X, stage.z)
-        return self._rows(travel, np.abs(X) @ stage.model.layout.z.scale, names)
+        scale = np.abs(X) @ stage.model.layout.z.scale
+        return self._rows(travel, scale, names, ("m",) * len(names))
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,8 @@ class StrainLimit(Limit):
         chosen = [i for i, n in enumerate(q.names) if n.startswith(self.kind + "_")]
         if not chosen:
             raise InputError(f"StrainLimit(kind={self.kind!r}): no such strain in this scene")
-        return self._rows(stage.q[chosen], q.scale[chosen], tuple(q.names[i] for i in chosen))
+        names, units = (tuple(of[i] for i in chosen) for of in (q.names, q.units))
+        return self._rows(stage.q[chosen], q.scale[chosen], names, units)
 
 
 @dataclass(frozen=True)
@@ -150,4 +156,4 @@ class TipBox(Limit):
             raise InputError(f"TipBox(axis={self.axis!r}): must be 'x', 'y' or 'z'")
         scale = np.array([stage.model.scene.manipulator.length])
         place = stage.tip["xyz".index(self.axis)]
-        return self._rows(place, scale, (f"tip_{self.axis}",))
+        return self._rows(place, scale, (f"tip_{self.axis}",), ("m",))

@@ -1,124 +1,299 @@
 """Model predictive control: one solve a sampling step, and what to do when a solve fails.
 
-The controller always returns a finite torque within the limits. A failed solve is never used as a
-warm start; the plan of the last good one is followed instead, and after a few failures the solver
-starts afresh from the arm at rest.
+    prepare    between samples: shift the plan, linearise where the arm is expected to be
+    feedback   at the sample: solve for the state as measured, choose the input
+    step       both
+
+The input is always finite and within the limits of torque and torque rate. A failed solve is never
+used as a warm start; the last good plan is followed instead, and after a few failures in a row the
+solver starts afresh from the arm at rest.
 """
 
 from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from softmpc.control.input_guard import InputGuard
 from softmpc.control.ipopt import Ipopt
-from softmpc.control.limits import TorqueLimit
-from softmpc.control.ocp import Ocp
-from softmpc.control.solver import Solution
-from softmpc.control.transcription import Transcription
+from softmpc.control.plan import Plan
+from softmpc.control.real_time import RealTime
+from softmpc.control.solver import Solution, Solver
+from softmpc.control.step import (
+    BUDGET_OVERRUN,
+    FAILED,
+    INPUT_NOT_FINITE,
+    ITERATION_CAP,
+    SOLVED,
+    Step,
+)
+from softmpc.control.trajectory import Moment
+from softmpc.control.transcription import References, Transcription
+from softmpc.control.violations import Violations
+from softmpc.errors import InputError
 
 __all__ = ["Mpc", "Step"]
 
-FAILURES_BEFORE_RESTART = 3
+RESTART_AFTER = 3
+CLIPPED = 1e-6  # of the input's scale, by which the last guard must change it to be reported
+FEASIBLE = 1e-4  # largest scaled violation of a result at the iteration cap that is still used
+_REPORTED = ("iterations", "cost", "kkt", "qp", "share", "violation")
 LOG = logging.getLogger(__name__)
+
+Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Step:
-    """What the controller did in one sampling step."""
+class _Asked:
+    """What was known before the sample, and how preparing for it went."""
 
-    u: np.ndarray  # input to apply (k)
-    status: str  # "solved", or why not and what was done instead
-    seconds: float
-    iterations: int
-    cost: float
-    worst: str  # name of the most violated row of a failed solve
-
-    @property
-    def solved(self) -> bool:
-        return self.status == "solved"
+    u_before: Array
+    given: Array  # references (N×nr)
+    finite: bool
+    prepared: bool = False  # by the solver
+    error: str = ""
+    seconds: float = 0.0
 
 
 class Mpc:
-    """A controller for one arm; it keeps its last good plan and nothing else."""
+    """A controller for one arm; it keeps its last good plan and its last input.
 
-    def __init__(self, transcription: Transcription, solver: Ipopt | None = None) -> None:
-        self.transcription = transcription
-        self.ocp = transcription.ocp
-        self.solver = solver or Ipopt(transcription)
-        self.low, self.high = _input_limits(self.ocp)
+    `budget` is the time (s) that a step may take, prepare and feedback together; None only
+    measures. A result that comes later is kept as the plan, for the next step; the input of this
+    one is what the plan before had for it, or the last input. A solver belongs to one controller.
+    """
+
+    def __init__(
+        self,
+        transcription: Transcription,
+        solver: Solver | None = None,
+        budget: float | None = None,
+        restart_after: int = RESTART_AFTER,
+    ) -> None:
+        if budget is not None and not 0 < budget < float("inf"):
+            raise InputError(f"Mpc(budget={budget!r}): must be above 0 s; None sets no budget")
+        if restart_after < 1:
+            raise InputError(f"Mpc(restart_after={restart_after!r}): must be 1 failure or more")
+        self.transcription, self.ocp = transcription, transcription.ocp
+        self.solver: Solver = solver or Ipopt(transcription)
+        self.budget, self.restart_after = budget, restart_after
+        self.guard = InputGuard(self.ocp)
+        self._violations = Violations(transcription)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last plan."""
-        self._good: Solution | None = None
-        self._age = 0  # steps since the last good solve
+        """Forget the last plan and input."""
+        self._plan: Plan | None = None
+        self._u: Array | None = None
+        self._asked: _Asked | None = None
+        self._failures = 0  # of the solver, in a row
+        self._reset_solver()
 
-    def step(self, x: np.ndarray, u_before: np.ndarray, targets: np.ndarray) -> Step:
-        """The input for the state x (q, dq, z) and references at the coming nodes (N×3, m)."""
-        started = time.perf_counter()
-        given = (np.asarray(v, float).ravel() for v in (x, u_before, targets))
-        x, u_before, flat = given
-        if not all(np.all(np.isfinite(v)) for v in (x, u_before, flat)):
-            return self._fall_back(u_before, "input not finite", started, None)
-        parameters = self.transcription.parameters(x, u_before, flat)
-        guess, multipliers = self._guess(x, u_before)
-        solution = self.solver.solve(parameters, guess, multipliers)
-        if not solution.solved:
-            return self._fall_back(u_before, solution.status, started, solution)
-        self._good, self._age = solution, 0
-        u = self.transcription.split(solution.w)[0][0]
-        return Step(
-            np.clip(u, self.low, self.high),
-            "solved",
-            time.perf_counter() - started,
-            solution.iterations,
-            solution.cost,
-            "",
+    # --- the three calls -------------------------------------------------------------------------
+
+    def step(self, x: Array, u_before: Array, given: References) -> Step:
+        """The input for the state x (q, dq, z) and references at the coming nodes, see `prepare`.
+
+        References are arrays by name, "tip" (N×3, m) among them; an array alone is "tip".
+        """
+        self.prepare(given, u_before)
+        return self.feedback(x)
+
+    def prepare(self, given: References, u_before: Array | None = None) -> None:
+        """What needs no measurement, for a sample with references `given` at its nodes.
+
+        `u_before` (k) is the input applied until then, by default the one last returned.
+        """
+        began, t = time.perf_counter(), self.transcription
+        until_now = self._u if u_before is None else u_before
+        if until_now is None:
+            raise InputError("Mpc.prepare: the first step needs `u_before`, the input until now")
+        u = self._sized("u_before", until_now, t.inputs)
+        references = t.references(given)
+        finite = bool(np.all(np.isfinite(u)) and np.all(np.isfinite(references)))
+        asked = _Asked(self.guard.finite(u, self._u), references, finite)
+        prepared, error = self._prepare_solver(asked)
+        self._asked = replace(asked, prepared=prepared, error=error, seconds=_since(began))
+
+    def feedback(self, x: Array) -> Step:
+        """The input for the state x (q, dq, z) as measured."""
+        began, asked = time.perf_counter(), self._asked
+        if asked is None:
+            raise InputError("Mpc.feedback: call `prepare` before each `feedback`")
+        x = self._sized("x", x, self.transcription.nx)
+        self._asked = None
+        if not (asked.finite and np.all(np.isfinite(x))):
+            return self._stepped(began, asked, INPUT_NOT_FINITE)
+        w, multipliers = self._guess(x, asked.u_before)
+        solution, why = self._attempt(x, asked, w, multipliers, began)
+        late = self.budget is not None and asked.seconds + _since(began) > self.budget
+        status = self._status(solution, why, late)
+        usable = solution is not None and _usable(solution)
+        self._failures = 0 if usable else self._failures + 1
+        worst = "" if status == SOLVED else self._worst(x, asked, solution, w)
+        if worst and not late:
+            LOG.warning("step: %s (%d in a row); %s", status, self._failures, worst)
+        return self._stepped(began, asked, status, solution, worst)
+
+    def _sized(self, name: str, value: Array, size: int) -> Array:
+        value = np.asarray(value, float).ravel()
+        if len(value) != size:
+            raise InputError(f"Mpc: {name} has {len(value)} numbers; this arm needs {size}")
+        return value
+
+    # --- the solver ------------------------------------------------------------------------------
+
+    @property
+    def _splits(self) -> bool:
+        """Whether the solver can do most of its work before the sample."""
+        return isinstance(self.solver, RealTime) and self.solver.iterations == 1
+
+    @property
+    def _starts_afresh(self) -> bool:
+        return self._failures >= self.restart_after or self._plan is None or self._plan.over
+
+    def _moment(self, x: Array, asked: _Asked) -> Moment:
+        t = self.transcription
+        return Moment(x / t.x_scale, t.decisions(asked.u_before), asked.given)
+
+    def _prepare_solver(self, asked: _Asked) -> tuple[bool, str]:
+        """Linearise along the plan from where it expects the arm; what went wrong, if anything."""
+        plan, solver = self._plan, self.solver
+        if not asked.finite or plan is None or self._starts_afresh:
+            return False, ""
+        if not (self._splits and isinstance(solver, RealTime)):
+            return False, ""
+        try:
+            solver.prepare(self._moment(plan.state, asked), plan.shifted)
+        except Exception as error:  # a failure of the step, whatever it is
+            return False, _reason(error)
+        return True, ""
+
+    def _guess(self, x: Array, u: Array) -> tuple[Array, Solution | None]:
+        """Where to start: the last good plan, shifted; the arm at rest where there is none."""
+        if self._plan is None or self._starts_afresh:
+            self._reset_solver()
+            return self.transcription.resting(x, self.guard.inside(u)), None
+        return self._plan.shifted, self._plan.multipliers
+
+    def _reset_solver(self) -> None:
+        reset = getattr(self.solver, "reset", None)
+        if reset is not None:
+            reset()
+
+    def _attempt(
+        self, x: Array, asked: _Asked, w: Array, multipliers: Solution | None, began: float
+    ) -> tuple[Solution | None, str]:
+        """What the solver found, or why there is nothing."""
+        if asked.error:
+            return None, asked.error
+        moment, solver = self._moment(x, asked), self.solver
+        try:
+            if self._splits and isinstance(solver, RealTime):
+                if not asked.prepared:
+                    solver.prepare(moment, w)
+                found = solver.feedback(moment.x, self._time_left(asked, began))
+            else:
+                given = np.concatenate([moment.x, moment.u_before, moment.given.ravel()])
+                found = solver.solve(given, w, multipliers)
+        except Exception as error:  # a solver must not stop the control of an arm
+            return None, _reason(error)
+        return found, "" if found.solved else found.status
+
+    def _time_left(self, asked: _Asked, began: float) -> float | None:
+        """Of the budget, for the quadratic program.
+
+        Where nothing is left the result is late anyway: it has another budget, to be of use in the
+        next step.
+        """
+        if self.budget is None:
+            return None
+        left = self.budget - asked.seconds - _since(began)
+        return left if left > 0 else self.budget
+
+    def _status(self, solution: Solution | None, why: str, late: bool) -> str:
+        if solution is None:
+            return f"{FAILED}: {why}"
+        if "time" in f"{solution.status} {solution.qp}".lower() and not solution.solved:
+            return BUDGET_OVERRUN
+        if solution.solved and not np.all(np.isfinite(solution.w)):
+            return f"{FAILED}: result not finite"
+        if late and _usable(solution):
+            return BUDGET_OVERRUN
+        if _capped(solution) or (solution.solved and self._unfinished(solution)):
+            return ITERATION_CAP
+        return SOLVED if solution.solved else f"{FAILED}: {why}"
+
+    def _unfinished(self, solution: Solution) -> bool:
+        """Whether sequential quadratic programming stopped before its tolerance."""
+        solver = self.solver
+        return (
+            isinstance(solver, RealTime)
+            and solver.iterations > 1
+            and not solution.kkt <= solver.tolerance
         )
 
-    def _guess(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, Solution | None]:
-        """Where to start: the last good plan, shifted; the arm at rest without one."""
-        t, good = self.transcription, self._good
-        if good is None or self._age >= FAILURES_BEFORE_RESTART:
-            return t.resting(x, np.clip(u, self.low, self.high)), None
-        w, lam_w, lam_g = good.w, good.lam_w, good.lam_g
-        rows = len(lam_g) // t.N
-        for _ in range(self._age + 1):
-            w, lam_w = t.shifted(w, t.nw), t.shifted(lam_w, t.nw)
-            lam_g = t.shifted(lam_g, rows)
-        shifted = Solution(True, "shifted", w, lam_w, lam_g, good.cost, 0.0, "", 0, 0.0)
-        return w, shifted
+    # --- the input -------------------------------------------------------------------------------
 
-    def _fall_back(
-        self, u_before: np.ndarray, why: str, started: float, solution: Solution | None
+    def _stepped(
+        self,
+        began: float,
+        asked: _Asked,
+        status: str,
+        solution: Solution | None = None,
+        worst: str = "",
     ) -> Step:
-        """Follow the last good plan; hold the last input once it has run out."""
-        self._age += 1
-        held = np.where(np.isfinite(u_before), u_before, self.low)
-        if self._good is not None and self._age < self.transcription.N:
-            held = self.transcription.split(self._good.w)[0][self._age]
-        worst = f"{solution.worst} ({solution.violation:.2g})" if solution else ""
-        LOG.warning("solve failed, %d in a row: %s %s", self._age, why, worst)
+        """The input that follows from a solve, and the plan for the next step."""
+        usable = solution is not None and _usable(solution)
+        plan = self._plan
+        if solution is not None and usable:
+            self._plan = Plan(self.transcription, solution, 1)
+        elif plan is not None:
+            self._plan = plan.older()
+        if solution is not None and usable and status != BUDGET_OVERRUN:
+            wanted, source = self.transcription.split(solution.w)[0][0], "solution"
+        elif plan is not None and not plan.over:
+            wanted, source = plan.input, "shifted plan"
+        else:
+            wanted, source = asked.u_before, "held input"
+        self._u = self.guard.after(asked.u_before, wanted)
+        moved = np.abs(self._u - wanted) / self.transcription.u_scale[: len(wanted)]
+        about = {name: getattr(solution, name) for name in _REPORTED} if solution else {}
         return Step(
-            np.clip(held, self.low, self.high),
-            f"failed: {why}",
-            time.perf_counter() - started,
-            solution.iterations if solution else 0,
-            float("nan"),
-            worst,
+            u=self._u.copy(),
+            status=status,
+            source=source,
+            prepare_seconds=asked.seconds,
+            feedback_seconds=_since(began),
+            worst=worst,
+            clipped=bool(np.any(moved > CLIPPED)),
+            **about,
         )
 
+    def _worst(self, x: Array, asked: _Asked, solution: Solution | None, w: Array) -> str:
+        """The worst violations: of what the solver ended with, else of what it began with."""
+        if solution is not None and np.all(np.isfinite(solution.w)):
+            w = solution.w
+        return self._violations.worst(self._moment(x, asked), w)
 
-def _input_limits(ocp: Ocp) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of the input: the tightest of the problem's torque limits, else the arm's own."""
-    arm, k = ocp.model.scene.manipulator.limits, len(ocp.model.layout.u)
-    torque = ocp.model.scene.actuation.input == "torque"
-    low = arm.torque_min if torque else arm.pressure_min
-    high = arm.torque_max if torque else arm.pressure_max
-    given = [limit for limit in ocp.limits if isinstance(limit, TorqueLimit)]
-    low = max([low, *(limit.low for limit in given)])
-    high = min([high, *(limit.high for limit in given)])
-    return np.full(k, low), np.full(k, high)
+
+def _since(began: float) -> float:
+    return time.perf_counter() - began
+
+
+def _reason(error: Exception) -> str:
+    return (f"{type(error).__name__}: {error}".splitlines() or [""])[0]
+
+
+def _capped(solution: Solution) -> bool:
+    """Whether a solver stopped because it had no more iterations."""
+    return not solution.solved and "iteration" in solution.status.lower()
+
+
+def _usable(solution: Solution) -> bool:
+    """Good enough to be applied, and to start from."""
+    good = solution.solved or (_capped(solution) and solution.violation <= FEASIBLE)
+    return good and bool(np.all(np.isfinite(solution.w)))

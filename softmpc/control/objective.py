@@ -29,6 +29,8 @@ class Row(NamedTuple):
     low: float
     high: float
     name: str
+    scale: float  # in `unit`
+    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +164,7 @@ class Objective:
             low, high = rows.low / rows.scale, rows.high / rows.scale
             if limit.soft is not None:
                 slack = self._scaled[1][count - len(self.soft) + self.soft.index(limit)]
-                general += _softened(value, low, high, rows.names, slack)
+                general += _softened(value, low, high, rows, slack)
                 continue
             J = ca.jacobian(value, ca.vertcat(*self._scaled))
             for i, name in enumerate(rows.names):
@@ -172,7 +174,8 @@ class Objective:
                     slope = float(J[i, columns[0]])
                     bounds.append((columns[0] - count, *sorted((low[i] / slope, high[i] / slope))))
                 else:
-                    general.append(Row(value[i], low[i], high[i], name))
+                    size = float(rows.scale[i]), rows.units[i]
+                    general.append(Row(value[i], low[i], high[i], name, *size))
         return bounds, general
 
     @property
@@ -206,13 +209,16 @@ class Objective:
 
 
 def _softened(
-    value: ca.SX, low: np.ndarray, high: np.ndarray, names: tuple[str, ...], slack: ca.SX
+    value: ca.SX, low: np.ndarray, high: np.ndarray, limited: Rows, slack: ca.SX
 ) -> list[Row]:
     """Rows that a slack widens, one for each finite bound."""
     rows = []
-    for i, name in enumerate(names):
+    for i, name in enumerate(limited.names):
+        size = float(limited.scale[i]), limited.units[i]
         if np.isfinite(low[i]):
-            rows.append(Row(value[i] + slack, float(low[i]), np.inf, f"{name} (soft, low)"))
+            above = float(low[i]), np.inf, f"{name} (soft, low)"
+            rows.append(Row(value[i] + slack, *above, *size))
         if np.isfinite(high[i]):
-            rows.append(Row(value[i] - slack, -np.inf, float(high[i]), f"{name} (soft, high)"))
+            below = -np.inf, float(high[i]), f"{name} (soft, high)"
+            rows.append(Row(value[i] - slack, *below, *size))
     return rows
