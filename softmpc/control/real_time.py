@@ -68,6 +68,12 @@ class RealTime:
         self.linearisation.make()
         self._prepared: _Prepared | None = None
 
+    def reset(self) -> None:
+        """Forget what the last solves left: active set, weight of defects, what was prepared."""
+        self.qp = Daqp(self.qp.max_iterations)
+        self._weight = 1.0
+        self._prepared = None
+
     def prepare(self, moment: Moment, w: Array) -> None:
         """All that needs no measurement: linearise around `w`, condense; `moment.x` is expected."""
         at = Trajectory.of(self.transcription, w)
