@@ -11,7 +11,8 @@ import numpy as np
 
 from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.targets import Position
-from softmpc.statics.workspace_rays import Place, RaySearch, Start
+from softmpc.statics.workspace_rays import Place, RaySearch
+from softmpc.statics.workspace_samples import Start
 
 __all__ = ["Clearance", "find_clearance"]
 

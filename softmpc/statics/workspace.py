@@ -41,6 +41,7 @@ def find_workspace(
     held: Mapping[int, float] | None = None,
     azimuths: int = AZIMUTHS,
     polars: int = POLARS,
+    samples: int = SAMPLES,
     executor: Any = None,
     progress: Progress | None = None,
     keep: str | os.PathLike[str] | None = None,
@@ -48,17 +49,20 @@ def find_workspace(
     """Where the tip of a section (the last one) can be at rest within the limits of its scene.
 
     All units move but those `held` at a pressure (Pa; unit 1, 2, …). `azimuths` half-planes (even)
-    have `polars` rays each (odd). `executor`, `progress`: see `sweep`; the result depends on
-    neither. `keep`: a folder for what is finished, to go on from. Raises `InputError` for a grid
-    or a section that cannot be, and where no posture at all is stable and within the limits.
+    have `polars` rays each (odd); `samples` postures are tried first, to start from. `executor`,
+    `progress`: see `sweep`; the result depends on neither. `keep`: a folder for what is finished,
+    to go on from. Raises `InputError` for a grid or a section that cannot be, and where no posture
+    at all is stable and within the limits.
     """
     section = len(model.scene.manipulator.sections) if section is None else section
-    _check(model, section, azimuths, polars)
-    finding = _Finding(model, section, dict(held or {}), azimuths, polars, executor, progress, keep)
+    _check(model, section, azimuths, polars, samples)
+    finding = _Finding(
+        model, section, dict(held or {}), azimuths, polars, samples, executor, progress, keep
+    )
     return finding.workspace()
 
 
-def _check(model: Model, section: int, azimuths: int, polars: int) -> None:
+def _check(model: Model, section: int, azimuths: int, polars: int, samples: int) -> None:
     count = len(model.scene.manipulator.sections)
     if not 1 <= section <= count:
         raise InputError(f"section = {section}: this arm has the sections 1 to {count}")
@@ -66,6 +70,8 @@ def _check(model: Model, section: int, azimuths: int, polars: int) -> None:
         raise InputError(f"azimuths = {azimuths}: must be an even number from 4, such as 24")
     if polars < 5 or polars % 2 == 0:
         raise InputError(f"polars = {polars}: must be an odd number from 5, such as 13")
+    if samples < 100:
+        raise InputError(f"samples = {samples}: must be at least 100, such as {SAMPLES}")
 
 
 @dataclass(eq=False)
@@ -77,6 +83,7 @@ class _Finding:
     held: dict[int, float]
     many_azimuths: int
     many_polars: int
+    many_samples: int
     executor: Any
     progress: Progress | None
     keep: str | os.PathLike[str] | None
@@ -125,7 +132,7 @@ class _Finding:
         return sweep(work, cases, executor=executor, keep=kept, progress=report)
 
     def _sample(self) -> Samples:
-        pressures = box_samples(self.limits, SAMPLES, SAMPLE_SEED)
+        pressures = box_samples(self.limits, self.many_samples, SAMPLE_SEED)
         work = SampleWork(self.model.scene, self.section)
         cases = np.array_split(pressures, max(len(pressures) // 100, 1))
         results = self._sweep("samples", work, [case.tolist() for case in cases], 0.08)

@@ -10,9 +10,9 @@ import numpy as np
 from softmpc.model.model import Model
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.rest_limits import rest_limits
-from softmpc.statics.workspace_rays import RaySearch, Start
+from softmpc.statics.workspace_rays import RaySearch
 from softmpc.statics.workspace_result import Surface, Workspace
-from softmpc.statics.workspace_samples import random_samples, solve
+from softmpc.statics.workspace_samples import Start, random_samples, solve
 
 __all__ = ["WorkspaceCheck", "check_workspace"]
 

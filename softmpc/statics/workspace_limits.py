@@ -10,7 +10,8 @@ import numpy as np
 
 from softmpc.model.model import Model
 from softmpc.statics.program import Extra, RestSolver
-from softmpc.statics.workspace_rays import Place, RaySearch, Search, Start
+from softmpc.statics.workspace_rays import Place, RaySearch, Search
+from softmpc.statics.workspace_samples import Samples, Start
 
 __all__ = ["EXTENTS", "QUANTITIES", "Extreme", "ExtremeSearch", "section_shape"]
 
@@ -52,44 +53,49 @@ class ExtremeSearch:
 
     def __init__(self, rays: RaySearch) -> None:
         self.rays = rays
-        self._searches: dict[tuple[str, int], RestSolver] = {}
+        self._solvers: dict[tuple[str, int], RestSolver] = {}
+        self._shapes: dict[int, ca.Function] = {}
 
     def find(
-        self, quantity: str, section: int, sign: int, starts: list[Start]
+        self, quantity: str, section: int, sign: int, samples: Samples
     ) -> tuple[Place | None, float]:
         """The place of largest value (`sign` -1: smallest), and that value."""
         key = (quantity, section)
-        if key not in self._searches:
-            self._searches[key] = self._solver(*key)
-        best = sorted(starts, key=lambda s: -sign * self._score(quantity, section, s))
+        if key not in self._solvers:
+            self._solvers[key] = self._solver(*key)
+        order = np.argsort(-sign * np.minimum(self.values(*key, samples.q, samples.tips), 1e9))
         search = Search(
-            self._searches[key],
+            self._solvers[key],
             lambda found: -found.objective,
-            lambda start: sign * self._scaled(quantity, section, start),
+            lambda start: sign * self._scaled(*key, start),
         )
-        place = self.rays.best(search, np.array([float(sign)]), best[:3] + best[3:30:9])
-        return place, float("nan") if place is None else self.value(quantity, section, place)
+        starts = samples.starts([*order[:3], *order[3:30:9]])
+        place = self.rays.best(search, np.array([float(sign)]), starts)
+        return place, float("nan") if place is None else self._value(*key, place)
 
-    def value(self, quantity: str, section: int, at: Place | Start) -> float:
-        """The quantity at a posture."""
+    def values(self, quantity: str, section: int, q: np.ndarray, tips: np.ndarray) -> np.ndarray:
+        """The quantity at postures, strains (K×n) and places (K×3)."""
         if quantity in EXTENTS:
-            return float(at.tip[EXTENTS.index(quantity)])
-        length, angle = (float(v) for v in section_shape(self.rays.model, ca.DM(at.q), section))
+            return np.asarray(tips[:, EXTENTS.index(quantity)])
+        if section not in self._shapes:
+            model, given = self.rays.model, ca.SX.sym("q", self.rays.model.strains)
+            shape = [ca.densify(v) for v in section_shape(model, given, section)]
+            self._shapes[section] = ca.Function("shape", [given], shape)
+        length, angle = (np.asarray(v).ravel() for v in self._shapes[section](q.T))
         if quantity == "arc_length":
-            return length
-        angle = 0.0 if angle < LEAST_BEND else angle
+            return np.asarray(length)
+        bent = angle > LEAST_BEND
         if quantity == "bending_angle":
-            return angle
-        return length / angle if angle else float("inf")
+            return np.where(bent, angle, 0.0)
+        return np.where(bent, length / np.maximum(angle, LEAST_BEND), np.inf)
 
-    def _score(self, quantity: str, section: int, start: Start) -> float:
-        """The value, finite."""
-        value = self.value(quantity, section, start)
-        return value if np.isfinite(value) else 1e9
+    def _value(self, quantity: str, section: int, at: Place | Start) -> float:
+        q, tip = np.asarray(at.q, float)[None], np.asarray(at.tip, float)[None]
+        return float(self.values(quantity, section, q, tip)[0])
 
     def _scaled(self, quantity: str, section: int, start: Start) -> float:
         """The value as the program has it."""
-        value = self.value(quantity, section, start)
+        value = self._value(quantity, section, start)
         if quantity == "bending_angle":
             return value
         if quantity == "radius":

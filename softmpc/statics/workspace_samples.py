@@ -6,7 +6,7 @@ limits make most of its edge: corners, edges and faces of the box of pressures a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -19,11 +19,28 @@ from softmpc.model.scene import Scene
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 from softmpc.statics.rest_limits import RestLimits, beyond_limits
 
-__all__ = ["SampleWork", "Samples", "box_samples", "dimension_of", "random_samples", "solve"]
+__all__ = [
+    "SampleWork",
+    "Samples",
+    "Start",
+    "box_samples",
+    "dimension_of",
+    "random_samples",
+    "solve",
+]
 
 AT_LIMIT = 0.3  # how often a pressure is at its lowest, and how often at its highest
 MOST_CORNERS = 512
 FLAT = 1e-6  # of the largest singular value: below, a direction does not count
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a search begins: strains (n), pressures (m), place of the tip (3)."""
+
+    q: Any
+    pressures: Any
+    tip: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +54,9 @@ class Samples:
     def __len__(self) -> int:
         return len(self.tips)
 
-    def __getitem__(self, some: Any) -> Samples:
-        return Samples(self.pressures[some], self.q[some], self.tips[some])
+    def starts(self, some: Iterable[int]) -> list[Start]:
+        """Starts from some of them, by their numbers."""
+        return [Start(self.q[i], self.pressures[i], self.tips[i]) for i in some]
 
     @cached_property
     def radii(self) -> np.ndarray:

@@ -12,8 +12,8 @@ import numpy as np
 from softmpc.model.model import Model, build
 from softmpc.model.scene import Scene
 from softmpc.statics.workspace_limits import ExtremeSearch
-from softmpc.statics.workspace_rays import Place, RaySearch, Start
-from softmpc.statics.workspace_samples import Samples
+from softmpc.statics.workspace_rays import Place, RaySearch
+from softmpc.statics.workspace_samples import Samples, Start
 
 __all__ = ["SearchWork", "along", "extreme", "nearest", "rim"]
 
@@ -83,7 +83,7 @@ class SearchWork:
 
     def _along(self, case: Case) -> Place | None:
         direction, sense = np.array(case["direction"]), case["sense"]
-        starts = _given(case) or self._starts(self._near(direction, sense))
+        starts = _given(case) or self.samples.starts(self._near(direction, sense))
         return self._rays.along(direction, sense, starts)
 
     def _rim(self, case: Case) -> Place | None:
@@ -93,14 +93,16 @@ class SearchWork:
         away = np.abs(np.angle(np.exp(1j * (self._angles[0] - azimuth))))
         near = np.argsort(away)[: max(NEAR, int(np.sum(away < AROUND)))]
         worth = sense * self._angles[1][near] - away[near] / 2
-        return self._rays.rim(azimuth, sense, self._starts(near[np.argsort(-worth)[:RIM_STARTS]]))
+        return self._rays.rim(
+            azimuth, sense, self.samples.starts(near[np.argsort(-worth)[:RIM_STARTS]])
+        )
 
     def _nearest(self, case: Case) -> Place | None:
-        return self._rays.nearest(self._starts(np.argsort(self.samples.radii)[:RIM_STARTS]))
+        return self._rays.nearest(self.samples.starts(np.argsort(self.samples.radii)[:RIM_STARTS]))
 
     def _extreme(self, case: Case) -> dict[str, Any]:
-        starts = self._starts(range(len(self.samples)))
-        place, value = self._extremes.find(case["quantity"], case["section"], case["sense"], starts)
+        asked = (case["quantity"], case["section"], case["sense"])
+        place, value = self._extremes.find(*asked, self.samples)
         return {"place": place and place.plain(), "value": value}
 
     def _near(self, direction: np.ndarray, sense: int) -> np.ndarray:
@@ -112,10 +114,6 @@ class SearchWork:
         worth = sense * samples.radii[near] / self._rays.length - angle[near]
         order = near[np.argsort(-worth)]
         return _unlike(samples.pressures, order, BEST, SPREAD[sense])
-
-    def _starts(self, some: Any) -> list[Start]:
-        samples = self.samples
-        return [Start(samples.q[i], samples.pressures[i], samples.tips[i]) for i in some]
 
 
 def _given(case: Case) -> list[Start]:
