@@ -104,7 +104,8 @@ class RestAtEnd(Cost):
     """What is still to pay after the horizon: ½ |L (x - rest)|² at its end.
 
     `rest` is a reference, the state (SI) in which the arm rests at its target; `factor` is L for
-    scaled states, see `softmpc.control.terminal`.
+    scaled states, see `softmpc.control.terminal`. An L with more columns also weighs the scaled
+    difference of the last input from the reference "rest input", the input (SI) that holds it.
     """
 
     name: ClassVar[str] = "rest at the end"
@@ -113,6 +114,14 @@ class RestAtEnd(Cost):
     deviation: float = 1.0
 
     def residual(self, stage: Stage) -> ca.SX:
-        scale = stage.model.layout.x.scale
-        off = (stage.x - stage.given("rest", len(scale))) / scale
-        return ca.mtimes(ca.DM(np.asarray(self.factor)), off) / self.deviation
+        L, layout = np.atleast_2d(np.asarray(self.factor, float)), stage.model.layout
+        nx, k = len(layout.x), len(layout.u)
+        if L.shape[1] not in (nx, nx + k) or not np.all(np.isfinite(L)):
+            raise InputError(
+                f"RestAtEnd(factor of shape {L.shape}): must be finite with {nx} columns, one for "
+                f"each state, or {nx + k} with those of the inputs; see `terminal_cost`"
+            )
+        off = (stage.x - stage.given("rest", nx)) / layout.x.scale
+        if L.shape[1] > nx:
+            off = ca.vertcat(off, (stage.u - stage.given("rest input", k)) / layout.u.scale)
+        return ca.mtimes(ca.DM(L), off) / self.deviation
