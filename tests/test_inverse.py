@@ -327,6 +327,8 @@ def test_batches_are_the_same_everywhere(path: bool, tmp_path) -> None:
         (lambda: paper().solve(Position((0, 0, 0.5), section=3)), "has the sections 1 to 2"),
         (lambda: paper().solve([]), "no target is given"),
         (lambda: paper().solve([(0, 0, 0.5)]), "must be a Position, a Direction"),
+        (lambda: paper().solve(0.5), "must be a Position, a Direction"),
+        (lambda: paper().solve(Position((0, 0, 0.5)), compare=0), "compare = 0: must be a whole"),
         (lambda: InverseStatics(paper().model, angle_length=0.0), "positive number"),
         (lambda: InverseStatics(paper().model, starts=0), "whole number from 1"),
         (lambda: InverseStatics(paper().model, held={7: 0.0}), "units 1 to 6"),

@@ -16,7 +16,7 @@ from softmpc.model.parameters import Limits
 from softmpc.model.scene import default_effects
 from softmpc.statics.equilibrium import find_equilibrium, refine_equilibrium
 from softmpc.statics.inverse import InverseStatics
-from softmpc.statics.rest_limits import piston_travel
+from softmpc.statics.rest_limits import piston_travel, rest_limits
 from softmpc.statics.targets import Position
 
 FAR = (0.0, 0.0, 0.8)  # needs nearly full pressure in all units
@@ -51,7 +51,9 @@ def test_limits_are_kept_and_named(limit: dict[str, float], place, name: str) ->
     limits = model.scene.manipulator.limits
     assert np.all(found.pressures <= limits.pressure_max)
     assert np.all(found.pressures >= limits.pressure_min)
-    assert found.torques is not None and np.all(found.torques <= limits.torque_max * (1 + 1e-12))
+    assert found.torques is not None and np.all(found.torques <= limits.torque_max)
+    bounds = rest_limits(model)
+    assert np.all((bounds.low <= found.pressures) & (found.pressures <= bounds.high))
     travel = piston_travel(model, found.q, found.pressures)
     assert travel is not None and np.abs(travel).max() <= limits.stroke_max * (1 + 1e-9)
     strains = found.q.reshape(-1, 4)

@@ -24,6 +24,7 @@ from softmpc.statics.inverse_result import (
     UNREACHABLE,
     InverseResult,
     torque_band,
+    torques_within,
 )
 from softmpc.statics.program import RestProgram, RestSolution
 from softmpc.statics.rest_costs import LeastPressure, RestCost
@@ -63,8 +64,7 @@ class InverseStatics:
         self.angle_length = self.length if angle_length is None else float(angle_length)
         if not 0 < self.angle_length < np.inf:
             raise InputError(f"angle_length = {angle_length!r} m: must be a positive number")
-        if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-            raise InputError(f"starts = {starts!r}: must be a whole number from 1")
+        _check_whole("starts", starts)
         self.starts = starts
         self._programs: dict[tuple[object, ...], InverseProgram] = {}
         self._active = ActiveLimits(model, self.program.limits)
@@ -87,6 +87,7 @@ class InverseStatics:
         than one is for those who want the lowest of several local optima of the cost.
         """
         began = time.perf_counter()
+        _check_whole("compare", compare)
         wanted = as_targets(targets, len(self.model.scene.manipulator.sections))
         inverse, values = self._inverse(wanted), self._values(wanted, start)
         best, good, iterations, starts = None, 0, 0, 0
@@ -209,11 +210,13 @@ class InverseStatics:
 
     def _judge(self, found: RestSolution, targets: tuple[Target, ...]) -> Candidate:
         """Whether the arm comes to that posture, by continuation from rest, and how near it is."""
-        posture = find_equilibrium(self.model, found.pressures)
+        limits = self.program.limits
+        pressures = np.clip(found.pressures, limits.low, limits.high)  # to the last bit
+        posture = find_equilibrium(self.model, pressures)
         tips = np.asarray(self.model.frames(found.q)[0]).T
         same = posture.converged and float(np.abs(posture.tips - tips).max()) <= SAME
         if not same:
-            posture = refine_equilibrium(self.model, found.pressures, found.q)
+            posture = refine_equilibrium(self.model, pressures, found.q)
         return self._candidate(found, posture, same, targets)
 
     def _of_spread(self, targets: tuple[Target, ...]) -> Candidate | None:
@@ -265,7 +268,7 @@ class InverseStatics:
             status=status,
             targets=targets,
             posture=posture,
-            torques=torques_at_rest(model, posture.pressures),
+            torques=torques_within(model, posture.pressures),
             torque_band=torque_band(model),
             distance=best.distance,
             angle=best.angle,
@@ -277,6 +280,11 @@ class InverseStatics:
             seconds=seconds,
             solution=best.solution,
         )
+
+
+def _check_whole(name: str, value: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise InputError(f"{name} = {value!r}: must be a whole number from 1")
 
 
 def _solution_of(

@@ -9,14 +9,22 @@ import numpy as np
 from softmpc.model.model import Model
 from softmpc.statics.equilibrium import Equilibrium
 from softmpc.statics.program import RestSolution
+from softmpc.statics.rest_limits import torques_at_rest
 from softmpc.statics.targets import Target
 
-__all__ = ["NO_CONVERGENCE", "SOLVED", "UNREACHABLE", "InverseResult", "torque_band"]
+__all__ = [
+    "NO_CONVERGENCE",
+    "SOLVED",
+    "UNREACHABLE",
+    "InverseResult",
+    "torque_band",
+    "torques_within",
+]
 
 SOLVED, UNREACHABLE, NO_CONVERGENCE = "solved", "unreachable", "no convergence"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class InverseResult:
     """The posture that holds the targets, or the nearest one, SI.
 
@@ -37,8 +45,8 @@ class InverseResult:
     cost: float  # of size one, see `RestCost`
     iterations: int  # of all starts
     starts: int
-    seconds: float
-    solution: RestSolution | None = field(default=None, repr=False, compare=False)
+    seconds: float  # the first time with the making of the program
+    solution: RestSolution | None = field(default=None, repr=False)
 
     @property
     def solved(self) -> bool:
@@ -78,3 +86,9 @@ def torque_band(model: Model) -> float:
         return 0.0
     drive = model.scene.manipulator.hydraulics
     return float(drive.friction / drive.piston_area / model.drive.static_gain[0, 0])
+
+
+def torques_within(model: Model, pressures: np.ndarray) -> np.ndarray | None:
+    """Motor torques (N·m) that hold these pressures, within their limits to the last bit."""
+    torques, limits = torques_at_rest(model, pressures), model.scene.manipulator.limits
+    return None if torques is None else np.clip(torques, limits.torque_min, limits.torque_max)

@@ -198,7 +198,8 @@ def main() -> None:
         print(f"  {len(inverse.spread.postures)} postures to start from made in "
               f"{1e3 * (time.perf_counter() - began):.0f} ms")  # fmt: skip
         inside(model, inverse, given.inside // share)
-        outside(model, inverse, given.outside // share, given.dense // share)
+        if given.outside // share:
+            outside(model, inverse, given.outside // share, given.dense // share)
 
 
 if __name__ == "__main__":
