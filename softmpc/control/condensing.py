@@ -1,8 +1,10 @@
 """Condensing: states follow from inputs, so that a small dense program in the inputs is left.
 
-With dx⁺ = A dx + B du + gap every state is a sum over the inputs before it. What the state now
-differs from the predicted one enters last and cheaply: most of the work can be done before it is
-known (`Condensed`), and little is left for when it is (`Condensed.at`).
+With dx⁺ = A dx + B du + gap every state is a sum over the inputs before it. The drive is linear, so
+its part of those sums never changes, and neither do the costs and limits that see nothing of the
+arm: `Condensing` has them ready. What the state now differs from the predicted one enters last and
+cheaply: most of the work can be done before it is known (`Condensed`), and little is left for when
+it is.
 """
 
 from __future__ import annotations
@@ -11,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softmpc.control.linearisation import Linearised
+from softmpc.control.linearisation import Linearisation, Linearised
 from softmpc.control.trajectory import Trajectory
 
-__all__ = ["Condensed", "Program", "condense"]
+__all__ = ["Condensed", "Condensing", "Program"]
 
 Array = np.ndarray
 
@@ -39,7 +41,9 @@ class Condensed:
     linear: Linearised
     blocks: Array  # block of each interval (N)
     states: Array  # ∂x⁺/∂v (N×nx×moves)
-    residuals: Array  # ∂e/∂v, those at the end last (residuals × moves)
+    still: tuple[Array, Array]  # residuals that never change their slopes: which, and ∂e/∂v
+    moving: tuple[Array, Array]  # the others
+    end: Array  # ∂e/∂v at the end of the horizon
     rows: Array  # ∂(limit rows)/∂v (N×rows×moves)
     H: Array
 
@@ -50,56 +54,131 @@ class Condensed:
             found[k] = at = A @ at + gap
         return found
 
-    def residuals_without(self, free: Array) -> Array:
-        """The residuals without any move, those at the end last."""
-        linear, width = self.linear, self.linear.B.shape[2]
-        e = linear.e + (linear.E[:, :, 2 * width :] @ free[:, :, None])[..., 0]
-        e_end = linear.e_end[0] + linear.E_end[0, :, 2 * width :] @ free[-1]
-        return np.concatenate([e.ravel(), e_end])
+    def residuals_without(self, free: Array) -> tuple[Array, Array]:
+        """The residuals of the intervals (N×…) and of the end (1×…) without any move."""
+        linear, first = self.linear, 2 * self.linear.B.shape[2]
+        e = linear.e + (linear.E[:, :, first:] @ free[:, :, None])[..., 0]
+        return e, linear.e_end + linear.E_end[0, :, first:] @ free[-1]
+
+    def gradient(self, free: Array) -> Array:
+        """Slope of the squares in the moves."""
+        e, e_end = self.residuals_without(free)
+        found = e_end[0] @ self.end
+        for which, by in (self.still, self.moving):
+            found += e[:, which].ravel() @ by
+        return np.asarray(found)
+
+    def predicted(self, step: Trajectory, price: Array) -> float:
+        """Cost of the linearised problem after a step; `price` of each scaled decision (nu)."""
+        linear = self.linear
+        before = np.concatenate([np.zeros_like(step.u[:1]), step.u[:-1]])
+        moved = np.concatenate([before, step.u, step.x], axis=1)
+        e = linear.e + (linear.E @ moved[:, :, None])[:, :, 0]
+        e_end = linear.e_end[0] + linear.E_end[0] @ moved[-1]
+        squares = float(np.vdot(e, e)) + float(np.vdot(e_end, e_end))
+        return 0.5 * squares + float(np.sum(step.u @ price))
 
     def limits(self, free: Array) -> Array:
         """The limit rows without any move (N×rows)."""
-        width = self.linear.B.shape[2]
-        return np.asarray(
-            self.linear.c + (self.linear.L[:, :, 2 * width :] @ free[:, :, None])[..., 0]
-        )
+        first = 2 * self.linear.B.shape[2]
+        return np.asarray(self.linear.c + (self.linear.L[:, :, first:] @ free[:, :, None])[..., 0])
 
     def expand(self, moves: Array, dx: Array, free: Array) -> Trajectory:
         """The step of the whole trajectory that goes with the moves."""
         linear, width = self.linear, self.linear.B.shape[2]
         du = moves.reshape(-1, width)[self.blocks]
         x = free + self.states @ moves
-        before = np.vstack([dx, x[:-1]])
+        before = np.concatenate([dx[None], x[:-1]])
         a = linear.a_0 - (linear.by_x @ before[:, :, None] + linear.by_u @ du[:, :, None])[..., 0]
         return Trajectory(du, a, x)
 
 
-def condense(linear: Linearised, blocks: Array) -> Condensed:
-    """Eliminate the states; intervals of one block share their move."""
-    count, nx, width = linear.B.shape
-    moves = width * (int(blocks[-1]) + 1)
-    states = np.zeros((count, nx, moves))
-    for k in range(count):
-        start = blocks[k] * width
-        if k:
-            states[k, :, : start + width] = linear.A[k] @ states[k - 1, :, : start + width]
-        states[k, :, start : start + width] += linear.B[k]
-    rows = _through(linear.L, states, blocks, width)
-    every = _through(linear.E, states, blocks, width).reshape(-1, moves)
-    end = linear.E_end[0, :, 2 * width :] @ states[-1]
-    residuals = np.vstack([every, end])
-    return Condensed(linear, blocks, states, residuals, rows, residuals.T @ residuals)
+class Condensing:
+    """Condenses problems of one transcription; intervals of one block share their move."""
 
+    def __init__(self, linearisation: Linearisation, blocks: Array) -> None:
+        self.t, self.blocks, self.terms = linearisation.t, blocks, linearisation.terms
+        self.arm, self.width = 2 * self.t.n, self.t.nu
+        self.moves = self.width * (int(blocks[-1]) + 1)
+        self._drive = self._drive_states(linearisation)
+        split, moving = linearisation.residuals, self.terms.moving
+        self._still, self._moving = np.flatnonzero(~moving[:split]), np.flatnonzero(moving[:split])
+        self._moving_rows = np.flatnonzero(moving[split:])
+        constant = self.terms.constant
+        states = np.zeros((self.t.N, self.t.nx, self.moves))
+        states[:, self.arm :] = self._drive
+        self._still_by = self._through(constant[:, self._still], states, True)
+        self._still_by = self._still_by.reshape(-1, self.moves)
+        self._still_H = self._still_by.T @ self._still_by
+        self._rows = self._through(constant[:, split:], states, True)
+        self._inputs_move = bool(self.terms.of_input[self._moving].any())
+        touched = np.arange(self.moves) % self.width < self.t.inputs  # slacks move no state
+        self._touched = np.flatnonzero(touched | self._inputs_move)
 
-def _through(by: Array, states: Array, blocks: Array, width: int) -> Array:
-    """∂(rows)/∂v of rows that depend on (u_before, u, x⁺) of their interval (N×rows×moves)."""
-    of_state = np.flatnonzero(np.any(by[:, :, 2 * width :], axis=(0, 2)))
-    found = np.zeros((*by.shape[:2], states.shape[2]))
-    found[:, of_state] = by[:, of_state, 2 * width :] @ states
-    for k, block in enumerate(blocks):
-        start = block * width
-        found[k, :, start : start + width] += by[k, :, width : 2 * width]
-        if k:
-            start = blocks[k - 1] * width
-            found[k, :, start : start + width] += by[k, :, :width]
-    return found
+    def _drive_states(self, linearisation: Linearisation) -> Array:
+        """∂z⁺/∂v, constant (N × states of the drive × moves)."""
+        t = self.t
+        phi, gamma = (part[:, -1] for part in linearisation.drive)
+        scale = t.x_scale[self.arm :]
+        found = np.zeros((t.N, t.nx - self.arm, self.moves))
+        for k, block in enumerate(self.blocks):
+            if k:
+                found[k] = (phi[k] * scale / scale[:, None]) @ found[k - 1]
+            own = block * self.width + np.arange(t.inputs)
+            found[k][:, own] += gamma[k] * t.u_scale[: t.inputs] / scale[:, None]
+        return found
+
+    def __call__(self, linear: Linearised) -> Condensed:
+        """Eliminate the states."""
+        states = self._states(linear)
+        every = self._through(linear.E[:, self._moving], states, self._inputs_move)
+        every = every.reshape(-1, self.moves)
+        first = 2 * self.width
+        end = linear.E_end[0, :, first:] @ states[-1]
+        if len(end):
+            u_before, u = self.blocks[-2:] if self.t.N > 1 else (None, self.blocks[-1])
+            self._place(end[None], linear.E_end, [u_before], [u])
+        H = self._still_H.copy()
+        seen = every[:, self._touched]
+        H[np.ix_(self._touched, self._touched)] += seen.T @ seen
+        if len(end):
+            H += end.T @ end
+        rows = self._rows
+        if len(self._moving_rows):
+            rows = rows.copy()
+            rows[:, self._moving_rows] = self._through(linear.L[:, self._moving_rows], states, True)
+        still, moving = (self._still, self._still_by), (self._moving, every)
+        return Condensed(linear, self.blocks, states, still, moving, end, rows, H)
+
+    def _states(self, linear: Linearised) -> Array:
+        """∂x⁺/∂v; only the arm's part changes."""
+        arm, width, count = self.arm, self.width, self.t.N
+        states = np.empty((count, self.t.nx, self.moves))
+        states[:, arm:] = self._drive
+        forced = np.zeros((count, arm, self.moves))
+        if self._drive.shape[1]:
+            forced[1:] = linear.A[1:, :arm, arm:] @ self._drive[:-1]
+        for k, block in enumerate(self.blocks):
+            forced[k, :, block * width : (block + 1) * width] += linear.B[k, :arm]
+        states[0, :arm] = at = forced[0]
+        for k in range(1, count):
+            at = linear.A[k, :arm, :arm] @ at + forced[k]
+            states[k, :arm] = at
+        return states
+
+    def _through(self, by: Array, states: Array, inputs: bool) -> Array:
+        """∂(rows)/∂v of rows that depend on (u_before, u, x⁺) of their interval (N×rows×moves)."""
+        of_state = 2 * self.width + np.flatnonzero(np.any(by[:, :, 2 * self.width :], axis=(0, 1)))
+        found = by[:, :, of_state] @ states[:, of_state - 2 * self.width]
+        if inputs:
+            self._place(found, by, [None, *self.blocks[:-1]], self.blocks)
+        return np.asarray(found)
+
+    def _place(self, found: Array, by: Array, before: list, own: Array | list) -> None:
+        """Add what inputs do to the rows themselves, in place."""
+        width = self.width
+        for k, (u_before, u) in enumerate(zip(before, own, strict=True)):
+            found[k, :, u * width : (u + 1) * width] += by[k, :, width : 2 * width]
+            if u_before is not None:
+                start = u_before * width
+                found[k, :, start : start + width] += by[k, :, :width]

@@ -2,7 +2,8 @@
 
 Each iteration linearises the problem, condenses it and solves a dense program in the inputs. A
 real-time iteration does one in a sampling step: `prepare` before the state is known, `feedback`
-when it is. A step is shortened where it would make cost and defects worse together.
+when it is. Of each step the largest share is taken that makes the merit function smaller, and
+nothing where none does: what is returned is never worse than what it began with.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softmpc.control.condensing import Condensed, Program, condense
+from softmpc.control.condensing import Condensed, Condensing, Program
 from softmpc.control.daqp import Daqp, QpSolution
 from softmpc.control.linearisation import Linearisation, Measured
+from softmpc.control.merit import Limited, Merit, Multipliers, violations
 from softmpc.control.solver import NO_MULTIPLIERS, Solution
 from softmpc.control.trajectory import Moment, Trajectory
 from softmpc.control.transcription import Transcription
@@ -23,8 +25,9 @@ from softmpc.errors import InputError
 
 __all__ = ["RealTime"]
 
-SHARES = (1.0, 0.5, 0.25, 0.1)  # of a step: the first good one is taken, else the last
+SHARES = (1.0, 0.5, 0.25, 0.1, 0.02)  # of a step: the first good one is taken
 DECREASE = 1e-4  # of what the linearised problem promises, that a step must bring
+ROUNDING = 1e-10  # of the merit function
 DAMPING = 1e-10  # of each diagonal entry of the Hessian, so that it is positive definite
 
 Array = np.ndarray
@@ -36,14 +39,15 @@ class _Prepared:
     at: Trajectory
     condensed: Condensed
     H: Array
+    merit: Merit | None = None  # of the step before, in one solve
 
 
 class RealTime:
     """Solves the problem of a transcription, with at most `iterations` in a call.
 
-    One iteration is real-time iteration; many, until the KKT residual is below `tolerance`, are
-    sequential quadratic programming. `blocks` says how many intervals share each move, such as
-    (1, 1, 2, 4, 12); without it each has its own.
+    One iteration is real-time iteration, and always an answer; more are sequential quadratic
+    programming, solved once the KKT residual is below `tolerance`. `blocks` says how many intervals
+    share each move, such as (1, 1, 2, 4, 12); without it each has its own.
     """
 
     def __init__(
@@ -58,31 +62,47 @@ class RealTime:
         self.iterations, self.tolerance = iterations, tolerance
         self.linearisation, self.qp = Linearisation(t, mode), Daqp()
         self.blocks = _blocks(blocks, t.N)
+        self._starts = np.flatnonzero(np.diff(self.blocks, prepend=-1))
         low, high = t.variable_bounds()
-        states = np.arange(t.nu + t.na, t.nw)
-        self._bounded = np.flatnonzero(np.isfinite(low[states]) | np.isfinite(high[states]))
-        self._u_bounds = low[: t.nu], high[: t.nu]
-        self._x_bounds = low[states][self._bounded], high[states][self._bounded]
-        self._row_bounds = tuple(bound[t.na + t.nx :] for bound in t.row_bounds())
-        self._weight = 1.0  # of defects and violations against cost
+        rows = tuple(bound[t.na + t.nx :] for bound in t.row_bounds())
+        x = low[t.nu + t.na :], high[t.nu + t.na :]
+        self.limited = Limited((low[: t.nu], high[: t.nu]), x, (rows[0], rows[1]))
+        self._bounded = np.flatnonzero(np.isfinite(x[0]) | np.isfinite(x[1]))
         self.linearisation.make()
-        self._prepared: _Prepared | None = None
+        self._condensing = Condensing(self.linearisation, self.blocks)
+        self._prices = np.outer(np.diff([*self._starts, t.N]), t.objective.price).ravel()
+        self._names = t.variable_names(), t.row_names()
+        self.reset()
 
     def reset(self) -> None:
-        """Forget what the last solves left: active set, weight of defects, what was prepared."""
-        self.qp = Daqp(self.qp.max_iterations)
-        self._weight = 1.0
-        self._prepared = None
+        """Forget what earlier calls left: what was prepared, and the active set."""
+        self._prepared: _Prepared | None = None
+        self._active: Array | None = None  # multipliers of the last quadratic program
 
     def prepare(self, moment: Moment, w: Array) -> None:
-        """All that needs no measurement: linearise around `w`, condense; `moment.x` is expected."""
-        at = Trajectory.of(self.transcription, w)
-        condensed = condense(self.linearisation(moment, at), self.blocks)
-        H = condensed.H + np.diag(DAMPING * (1.0 + np.diag(condensed.H)))
-        self._prepared = _Prepared(moment, at, condensed, H)
+        """All that needs no measurement: linearise around `w`, condense; `moment.x` is expected.
+
+        Meant for a step later than the last `feedback`: its active set moves on by one interval.
+        """
+        self._active = self._later(self._active)
+        self._prepare(moment, Trajectory.of(self.transcription, w), None)
+
+    def _prepare(self, moment: Moment, at: Trajectory, merit: Merit | None) -> None:
+        self._prepared = None
+        condensed = self._condensing(self.linearisation(moment, at))
+        H = condensed.H
+        H[np.diag_indices_from(H)] *= 1.0 + DAMPING
+        H[np.diag_indices_from(H)] += DAMPING
+        self._prepared = _Prepared(moment, at, condensed, H, merit)
 
     def feedback(self, x: Array, time_limit: float | None = None) -> Solution:
-        """One step from what was prepared, for the scaled state x (nx) as measured."""
+        """One step from what was prepared, for the scaled state x (nx) as measured.
+
+        `time_limit` (s) is that of the quadratic program.
+        """
+        return self._feedback(x, time_limit)[0]
+
+    def _feedback(self, x: Array, time_limit: float | None) -> tuple[Solution, Merit | None]:
         began, ready = time.perf_counter(), self._prepared
         if ready is None:
             raise InputError("RealTime.feedback: call `prepare` before each `feedback`")
@@ -90,119 +110,169 @@ class RealTime:
         dx = x - ready.moment.x
         free = ready.condensed.free(dx)
         program = self._program(ready, free)
-        found = self.qp.solve(program, time_limit)
+        found = self.qp.solve(program, time_limit, self._active)
+        self._active = found.multipliers if found.solved else None  # never that of a failure
         if not found.solved:
-            return _failed(ready.at.w, found, began)
+            return _failed(ready.at.w, found, began), None
         step = ready.condensed.expand(found.v, dx, free)
-        promised = float(program.f @ found.v + 0.5 * found.v @ program.H @ found.v)
+        multipliers = Multipliers.of(ready.condensed, step, *self._apart(found.multipliers))
+        merit = Merit(self.limited, multipliers, ready.merit)
+        here = ready.condensed.linear.measured
         moment = replace(ready.moment, x=x)
-        at, measured, share = self._globalised(moment, ready.at, step, promised)
+        if dx.any():
+            here = self.linearisation.measure(moment, ready.at)
+        at, measured, share = self._globalised(merit, ready, moment, here, step)
         slope = float(np.abs(program.H @ found.v).max())  # what the cost would still fall by
-        return self._solution(at, measured, found, share, slope, began)
+        return self._solution(at, measured, multipliers, found, share, slope, began), merit
 
     def solve(
-        self, parameters: Array, guess: Array, multipliers: Solution | None = None
+        self,
+        parameters: Array,
+        guess: Array,
+        multipliers: Solution | None = None,
+        time_limit: float | None = None,
     ) -> Solution:
-        """Iterate from `guess` until the tolerance holds or the iterations are used up."""
-        began, w = time.perf_counter(), guess
-        moment = Moment.of(self.transcription, parameters)
-        iterations = 0
-        while iterations < self.iterations:
-            self.prepare(moment, w)
-            iterations += 1
-            solution = self.feedback(moment.x)
-            w = solution.w
-            if not solution.solved or solution.kkt <= self.tolerance:
+        """Iterate from `guess` until the tolerance holds, or iterations or time (s) are used up."""
+        began, t = time.perf_counter(), self.transcription
+        moment, at = Moment.of(t, parameters), Trajectory.of(t, guess)
+        self._active, merit, left = self._together(multipliers), None, time_limit
+        iteration = 0
+        while True:
+            iteration += 1
+            self._prepare(moment, at, merit)
+            if time_limit is not None:
+                left = max(time_limit - _since(began), 0.0)
+            solution, merit = self._feedback(moment.x, left)
+            at = Trajectory.of(t, solution.w)
+            done = solution.kkt <= self.tolerance or not solution.share > 0.0
+            late = time_limit is not None and _since(began) > time_limit
+            if not solution.solved or done or late or iteration >= self.iterations:
                 break
-        seconds = time.perf_counter() - began
-        return replace(solution, iterations=iterations, seconds=seconds)
+        found = replace(solution, iterations=iteration, seconds=_since(began))
+        return self._judged(found, time_limit)
+
+    def _judged(self, solution: Solution, time_limit: float | None) -> Solution:
+        """More iterations than one are there to reach the tolerance."""
+        unfinished = solution.solved and not solution.kkt <= self.tolerance
+        if self.iterations == 1 or not unfinished:
+            return solution
+        if solution.share == 0.0:
+            return replace(solution, solved=False, status="no share of a step is an improvement")
+        late = time_limit is not None and solution.seconds > time_limit
+        return replace(solution, solved=False, status="time limit" if late else "iteration limit")
 
     # --- the quadratic program -------------------------------------------------------------------
 
     def _program(self, ready: _Prepared, free: Array) -> Program:
-        condensed, at = ready.condensed, ready.at
-        e = condensed.residuals_without(free)
-        f = condensed.residuals.T @ e + self._prices
-        low, high = (self._tightest(bound - at.u, k) for k, bound in enumerate(self._u_bounds))
-        base = at.x[:, self._bounded] + free[:, self._bounded]
+        condensed, at, limited = ready.condensed, ready.at, self.limited
+        f = condensed.gradient(free) + self._prices
+        low, high = (self._tightest(bound - at.u, k) for k, bound in enumerate(limited.u))
+        base = (at.x + free)[:, self._bounded]
         rows = condensed.limits(free)
         low_rows, high_rows = (
-            np.concatenate([(bound - base).ravel(), (row_bound - rows).ravel()])
-            for bound, row_bound in zip(self._x_bounds, self._row_bounds, strict=True)
+            np.concatenate([(x[self._bounded] - base).ravel(), (bound - rows).ravel()])
+            for x, bound in zip(limited.x, limited.rows, strict=True)
         )
-        moves = len(f)
-        parts = condensed.states[:, self._bounded], condensed.rows
-        R = np.vstack([part.reshape(-1, moves) for part in parts])
+        R = condensed.rows.reshape(-1, len(f))
+        if len(self._bounded):
+            R = np.vstack([condensed.states[:, self._bounded].reshape(-1, len(f)), R])
         return Program(ready.H, f, low, high, R, low_rows, high_rows)
-
-    @property
-    def _prices(self) -> Array:
-        counts = np.bincount(self.blocks)
-        return np.outer(counts, self.transcription.objective.price).ravel()
 
     def _tightest(self, room: Array, side: int) -> Array:
         """Bounds of the moves from those of the intervals that share them."""
-        starts = np.flatnonzero(np.diff(self.blocks, prepend=-1))
         pick = np.minimum if side else np.maximum
-        return np.asarray(pick.reduceat(room, starts, axis=0)).ravel()
+        return np.asarray(pick.reduceat(room, self._starts, axis=0)).ravel()
+
+    # --- multipliers -----------------------------------------------------------------------------
+
+    def _apart(self, multipliers: Array) -> tuple[Array, Array, Array]:
+        """Multipliers of the program as those of decisions, states and limit rows (N×…)."""
+        t, moves = self.transcription, len(self._prices)
+        bounded = moves + t.N * len(self._bounded)
+        u, x = np.zeros((t.N, t.nu)), np.zeros((t.N, t.nx))
+        u[self._starts] = multipliers[:moves].reshape(-1, t.nu)
+        x[:, self._bounded] = multipliers[moves:bounded].reshape(t.N, -1)
+        return u, x, multipliers[bounded:].reshape(t.N, -1)
+
+    def _together(self, solution: Solution | None) -> Array | None:
+        """Multipliers of the program from those of a solution."""
+        t = self.transcription
+        if solution is None or not (len(solution.lam_w) and len(solution.lam_g)):
+            return None
+        lam_w, lam_g = solution.lam_w.reshape(t.N, t.nw), solution.lam_g.reshape(t.N, -1)
+        u = np.add.reduceat(lam_w[:, : t.nu], self._starts, axis=0)
+        x, rows = lam_w[:, t.nu + t.na :][:, self._bounded], lam_g[:, t.na + t.nx :]
+        return np.concatenate([u.ravel(), x.ravel(), rows.ravel()])
+
+    def _later(self, multipliers: Array | None) -> Array | None:
+        """Multipliers of the program a step later."""
+        if multipliers is None:
+            return None
+        t = self.transcription
+        parts = (np.concatenate([part[1:], part[-1:]]) for part in self._apart(multipliers))
+        u, x, rows = parts
+        u = u[self._starts] if len(self._starts) < t.N else u
+        return np.concatenate([u.ravel(), x[:, self._bounded].ravel(), rows.ravel()])
 
     # --- globalisation ---------------------------------------------------------------------------
 
-    def _wrong(self, measured: Measured, at: Trajectory) -> float:
-        """Sum of defects and violations."""
-        total = float(np.abs(measured.defects).sum())
-        pairs = (
-            (measured.rows, self._row_bounds),
-            (at.x[:, self._bounded], self._x_bounds),
-        )
-        for value, (low, high) in pairs:
-            total += float(np.maximum(low - value, 0).sum() + np.maximum(value - high, 0).sum())
-        return total
-
     def _globalised(
-        self, moment: Moment, at: Trajectory, step: Trajectory, promised: float
+        self,
+        merit: Merit,
+        ready: _Prepared,
+        moment: Moment,
+        here: Measured,
+        step: Trajectory,
     ) -> tuple[Trajectory, Measured, float]:
-        """As much of the step as makes the ℓ₁ merit function smaller."""
-        before = self.linearisation.measure(moment, at)
-        wrong = self._wrong(before, at)
-        if wrong > 0:
-            self._weight = max(self._weight, 2 * promised / wrong)
-        merit = before.cost + self._weight * wrong
-        slope = promised - self._weight * wrong
+        """As much of the step as makes the merit function smaller; nothing where none does."""
+        at, now = ready.at, merit(ready.at, here)
+        price = self.transcription.objective.price
+        promised = now - ready.condensed.predicted(step, price) - float(np.sum(at.u @ price))
         for share in SHARES:
             there = at.moved(step, share)
-            after = self.linearisation.measure(moment, there)
-            reached = after.cost + self._weight * self._wrong(after, there)
-            if reached <= merit + DECREASE * share * slope + 1e-12 * abs(merit):
-                break
-        return there, after, share
+            measured = self.linearisation.measure(moment, there)
+            wanted = now - DECREASE * share * max(promised, 0.0) + ROUNDING * abs(now)
+            if merit(there, measured) <= wanted:  # never where it is not finite
+                return there, measured, share
+        return at, here, 0.0
+
+    # --- the answer ------------------------------------------------------------------------------
 
     def _solution(
         self,
         at: Trajectory,
         measured: Measured,
+        multipliers: Multipliers,
         found: QpSolution,
         share: float,
         slope: float,
         began: float,
     ) -> Solution:
-        w = at.w
-        finite = bool(np.all(np.isfinite(w)))
+        violation, worst = self._worst(at, measured)
+        finite = measured.finite
         return Solution(
             solved=finite,
             status="solved" if finite else "not finite",
-            w=w,
-            lam_w=NO_MULTIPLIERS,
-            lam_g=NO_MULTIPLIERS,
+            w=at.w,
+            lam_w=multipliers.lam_w,
+            lam_g=multipliers.lam_g,
             cost=measured.cost,
-            violation=self._wrong(measured, at),
-            worst="",
+            violation=violation,
+            worst=worst,
             iterations=1,
-            seconds=time.perf_counter() - began,
-            kkt=max(slope, float(np.abs(measured.defects).max())),
+            seconds=_since(began),
+            kkt=max(slope, violation),
             qp=found.status,
             share=share,
         )
+
+    def _worst(self, at: Trajectory, measured: Measured) -> tuple[float, str]:
+        """The largest violation and its name."""
+        both = violations(self.limited, at, measured)
+        part = int(np.nanmax(both[1], initial=0.0) > np.nanmax(both[0], initial=0.0))
+        over = np.nan_to_num(both[part], nan=np.inf)
+        k, i = np.unravel_index(int(np.argmax(over)), over.shape)
+        return float(over[k, i]), f"{self._names[part][i]} at interval {k + 1}"
 
 
 def _blocks(blocks: Sequence[int] | None, intervals: int) -> Array:
@@ -218,5 +288,9 @@ def _blocks(blocks: Sequence[int] | None, intervals: int) -> Array:
 def _failed(w: Array, found: QpSolution, began: float) -> Solution:
     return Solution(
         False, f"QP {found.status}", w, NO_MULTIPLIERS, NO_MULTIPLIERS, float("nan"), float("inf"),
-        "", 1, time.perf_counter() - began, float("inf"), found.status, 0.0,
+        "", 1, _since(began), float("inf"), found.status, 0.0,
     )  # fmt: skip
+
+
+def _since(began: float) -> float:
+    return time.perf_counter() - began
