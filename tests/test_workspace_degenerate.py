@@ -120,7 +120,7 @@ def test_a_body_beside_the_axis() -> None:
     assert space.dimension == 3 and space.volume > 0
     assert space.frame[2, 2] < 0.9
     assert space.frame.T @ space.frame == pytest.approx(np.eye(3), abs=1e-12)
-    found = check_workspace(arm, space, 300, seed=5)
+    found = check_workspace(arm, space, 150, seed=5)
     assert found.outside < 1e-3 and found.unreachable == 0
 
 

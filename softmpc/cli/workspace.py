@@ -194,7 +194,7 @@ def _text(data: dict[str, Any], space: Workspace) -> str:
     for found in data["limits"]:
         if found["quantity"] in NAMES:
             name, unit = NAMES[found["quantity"]]
-            value = f"{found['value']:.4g} {unit}" if found["found"] else "not found"
+            value = _value(found["value"], unit) if found["found"] else "not found"
             rows.append((f"section {found['section']}, {found['sense']} {name}", value))
     if "check" in data:
         c = data["check"]
@@ -203,6 +203,10 @@ def _text(data: dict[str, Any], space: Workspace) -> str:
     rows.append(("time", f"{data['wall_s']:.1f} s"))
     rows += [("warning", text) for text in data["warnings"]]
     return "\n".join([data["title"], table(rows)])
+
+
+def _value(value: float, unit: str) -> str:
+    return f"{value:.4g} {unit}" if value < float("inf") else "straight"
 
 
 def _points(counts: dict[str, dict[str, Any]]) -> str:

@@ -1,1 +1,1 @@
-"""The arm at rest: postures under pressures and loads, inverse statics, workspace. May import `model`."""
+"""The arm at rest: postures under pressures and loads, and what they reach. May import `model`."""

@@ -155,7 +155,7 @@ def load(path: Path) -> Workspace:
         samples = Samples(*(content[f"samples_{name}"] for name in SAMPLES))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: is not a saved workspace: {error}") from None
     if about.pop("schema", None) != SCHEMA:
         raise InputError(f"{path}: is of another version; {SCHEMA} is known here")

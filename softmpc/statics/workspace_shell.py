@@ -99,17 +99,17 @@ class Shell:
         Measured to the place at the same azimuth whose polar angle and radius come nearest.
         """
         own = np.asarray(points, float).reshape(-1, 3) @ self.frame
+        beside = own[:, 1].copy() if self.flat else np.zeros(len(own))
+        own[:, 1] -= beside
         azimuth = np.arctan2(own[:, 1], own[:, 0])
         radius = np.linalg.norm(own, axis=1)
         polar = np.arctan2(np.hypot(own[:, 0], own[:, 1]), own[:, 2])
-        if self.flat:
-            azimuth = self.azimuths[_bracket(self.azimuths, azimuth, True)[0]]
         low, high, outer, inner = self._at(azimuth, polar)
         closest = self._turned(azimuth, np.clip(polar, low, high))
         way = np.einsum("ki,ki->k", closest @ self.frame, own)
         there = np.clip(way, np.minimum(inner, outer), outer)[:, None] * (closest @ self.frame)
-        distance = np.linalg.norm(own - there, axis=1)
-        return np.asarray(np.where(distance < 1e-12 * np.maximum(radius, 1e-12), 0.0, distance))
+        distance = np.hypot(np.linalg.norm(own - there, axis=1), beside)
+        return np.asarray(np.where(distance < 1e-12 * radius, 0.0, distance))
 
     def between(self, azimuths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rims (K×2), outer and inner radii at the nodes (K×M) at any azimuths (K)."""

@@ -1,0 +1,93 @@
+"""Workspaces put to the test: no posture outside, no point out of reach, how exact, how long?
+
+    python -m tests.benchmarks.workspace [--samples 10000] [--azimuths 24] [--polars 13] [--quick]
+
+One section and both sections of the paper's arm, and an arm of three sections of other sizes, each
+without and with a load at the tip. For each: seconds (all usable cores), volume in litres and what
+leaving out every second node changes, confirmed points of both surfaces, and the check with random
+admissible pressures that the search has not seen, half of them with units at their limits:
+
+outside   how far a place is beyond what a search along its own ray finds, started from the edge,
+          not from the posture; mm, the farthest
+searched  places that needed such a search; the others are between the surfaces
+by grid   how far a place is beyond the surfaces as they are drawn, linear between nodes; mm
+off       how far a point is from where forward statics, begun anew, holds the tip; mm
+bad       points off by more than 0.01 mm, not stable, or beyond the pressures
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from softmpc.model.effects import TipLoad
+from softmpc.model.model import build
+from softmpc.model.parameters import Manipulator
+from softmpc.model.presets import chen2022
+from softmpc.model.scene import Scene, default_effects
+from softmpc.statics.workspace import find_workspace
+from softmpc.statics.workspace_check import check_workspace
+
+LOAD = TipLoad(force=(0.6, -0.4, 1.0))
+HEAD = (
+    "arm", "s", "volume l", "± l", "points", "samples", "searched", "outside", "by grid", "off",
+    "bad",
+)  # fmt: skip
+
+
+def three_sections() -> Manipulator:
+    """An arm of three sections, each of its own size."""
+    paper, section = chen2022(), chen2022().sections[0]
+    turned = tuple(np.radians([60.0, 180.0, 300.0]))
+    sizes = (
+        replace(section, length=0.3, mass=0.7, bending_radius=0.034),
+        replace(section, length=0.2, mass=0.35, unit_angles=turned),
+        replace(section, length=0.12, mass=0.15, unit_offset=0.014, bending_radius=0.026),
+    )
+    return replace(paper, sections=sizes)
+
+
+def scenes() -> Iterator[tuple[str, Scene]]:
+    """All arms without and with a load."""
+    paper = chen2022()
+    arms = {
+        "one section": replace(paper, sections=paper.sections[:1]),
+        "two sections": paper,
+        "three sections": three_sections(),
+    }
+    for name, arm in arms.items():
+        yield name, Scene(arm)
+        yield f"{name}, load", Scene(arm, effects=(*default_effects(), LOAD))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=10_000)
+    parser.add_argument("--azimuths", type=int, default=24)
+    parser.add_argument("--polars", type=int, default=13)
+    parser.add_argument("--quick", action="store_true", help="a coarse grid and 500 samples")
+    given = parser.parse_args()
+    azimuths, polars, count = given.azimuths, given.polars, given.samples
+    if given.quick:
+        azimuths, polars, count = 8, 7, 500
+    widths = (22, 6, 9, 7, 7, 8, 9, 10, 8, 9, 4)
+    print("".join(f"{h:>{w}}" for h, w in zip(HEAD, widths, strict=True)))
+    for name, scene in scenes():
+        model = build(scene)
+        space = find_workspace(model, azimuths=azimuths, polars=polars)
+        found = check_workspace(model, space, count, seed=100)
+        cells = (
+            name, f"{space.wall_s:.1f}", f"{1e3 * space.volume:.2f}",
+            f"{1e3 * space.volume_error:.2f}", found.points, found.samples, found.searched,
+            f"{1e3 * found.outside:.1e}", f"{1e3 * found.by_grid:.1f}", f"{1e3 * found.off:.1e}",
+            found.unreachable,
+        )  # fmt: skip
+        print("".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
