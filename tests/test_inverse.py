@@ -207,6 +207,15 @@ def test_a_whole_pose() -> None:
     assert_allclose(found.pressures, rest.pressures, rtol=1e-3)  # six numbers for six pressures
 
 
+def test_a_pose_at_the_edge_is_not_missed_for_the_cost() -> None:
+    """Where pressures hardly move the pose, a cost gains much by missing it a little."""
+    pressures = [0.0, 4689.0, 0.0, 74323.0, 972213.0, 468875.0]
+    rest = find_equilibrium(paper().model, pressures)
+    found = paper().solve([at(rest.tips[-1]), Orientation(rest.rotations[-1])])
+    assert found.solved
+    assert found.distance < 1e-6
+
+
 def test_both_section_tips() -> None:
     rest = find_equilibrium(paper().model, [0.3e6, 0.1e6, 0.2e6, 0.05e6, 0.5e6, 0.1e6])
     found = paper().solve([Position(tuple(rest.tips[0]), section=1), at(rest.tips[1])])

@@ -9,14 +9,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
 from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.statics.active_limits import ActiveLimits
-from softmpc.statics.equilibrium import Equilibrium, find_equilibrium, refine_equilibrium
-from softmpc.statics.inverse_candidate import HIT, Candidate
+from softmpc.statics.equilibrium import Equilibrium
+from softmpc.statics.inverse_candidate import HIT, Candidate, Judge
 from softmpc.statics.inverse_program import InverseProgram
 from softmpc.statics.inverse_result import (
     NO_CONVERGENCE,
@@ -35,11 +36,13 @@ from softmpc.statics.targets import Target, as_targets
 
 __all__ = ["InverseStatics"]
 
-SAME = 1e-5  # m, nearer is the same posture
 STARTS = 32  # postures of the spread, before a target counts as out of reach
+NEAR = 1e-4  # m; a smaller miss may be the cost's doing, at the edge of what is in reach
+LIGHT = 1e-4  # weight of the cost then
 FEW = 6  # as many will do where nothing of the spread lies beyond the nearest posture
 
 Targets = Target | Iterable[Target]
+RANK = attrgetter("rank")
 
 
 class InverseStatics:
@@ -90,19 +93,24 @@ class InverseStatics:
         _check_whole("compare", compare)
         wanted = as_targets(targets, len(self.model.scene.manipulator.sections))
         inverse, values = self._inverse(wanted), self._values(wanted, start)
+        judge = Judge(self.program, inverse, wanted, self.angle_length)
         best, good, iterations, starts = None, 0, 0, 0
-        for guess in self._starts(wanted, inverse, start):
+        for guess in self._starts(judge, start):
             found = inverse.solver(guess, values)
             iterations, starts = iterations + found.iterations, starts + 1
             if not found.solved:
                 continue
-            candidate = self._judge(found, wanted)
-            if best is None or candidate.rank < best.rank:
-                best = candidate
+            candidate = judge.optimum(found)
+            if HIT < candidate.miss < NEAR:
+                closer = inverse.solver(found, np.append(values[:-1], LIGHT))
+                iterations += closer.iterations
+                if closer.solved:
+                    candidate = min(candidate, judge.optimum(closer), key=RANK)
+            best = candidate if best is None else min(best, candidate, key=RANK)
             good += candidate.rank[0] == 0
-            if good >= compare or (starts >= FEW and self._is_outermost(best, wanted)):
+            if good >= compare or (starts >= FEW and self._is_outermost(best, judge)):
                 break
-        return self._result(wanted, best, iterations, starts, time.perf_counter() - began)
+        return self._result(judge, best, iterations, starts, time.perf_counter() - began)
 
     def solve_path(
         self,
@@ -163,92 +171,50 @@ class InverseStatics:
         self, targets: tuple[Target, ...], start: InverseResult | Equilibrium | None
     ) -> np.ndarray:
         own = self.cost.values(self.model, None if start is None else start.q)
-        return np.concatenate([*(target.values for target in targets), own])
+        return np.concatenate([*(target.values for target in targets), own, [1.0]])
 
     def _starts(
-        self,
-        targets: tuple[Target, ...],
-        inverse: InverseProgram,
-        start: InverseResult | Equilibrium | None,
+        self, judge: Judge, start: InverseResult | Equilibrium | None
     ) -> Iterator[np.ndarray | RestSolution]:
         """The start that was given, then postures of the spread, nearest first."""
-        nothing = np.zeros(inverse.extra)
+        nothing = np.zeros(judge.inverse.extra)
         if start is not None:
             limits = self.program.limits
             inside = np.clip(start.pressures, limits.low, limits.high)
-            last = _solution_of(start, targets)
+            last = _solution_of(start, judge.targets)
             yield last or self.program.guess(start.q, inside, nothing)
-        misses = np.linalg.norm(self._spread_off(targets), axis=1)
-        for rest in self.spread.starts(misses, self.starts):
+        for rest in self.spread.starts(self._misses(judge), self.starts):
             yield self.program.guess(rest.q, rest.pressures, nothing)
 
-    # --- what was found --------------------------------------------------------------------------
+    # --- what is known of the workspace ----------------------------------------------------------
 
-    def _off(
-        self, targets: tuple[Target, ...], tips: np.ndarray, rotations: np.ndarray
-    ) -> np.ndarray:
-        """What is priced (N×k, m), of N postures."""
-        parts = [
-            (target.seen(tips, rotations) - target.values)
-            * (self.angle_length if target.turns else 1.0)
-            for target in targets
-        ]
-        return np.hstack(parts)
+    def _misses(self, judge: Judge) -> np.ndarray:
+        """Of each posture of the spread (m)."""
+        off = judge.off(self.spread.tips, self.spread.rotations)
+        return np.asarray(np.linalg.norm(off, axis=1))
 
-    def _spread_off(self, targets: tuple[Target, ...]) -> np.ndarray:
-        return self._off(targets, self.spread.tips, self.spread.rotations)
-
-    def _is_outermost(self, best: Candidate | None, targets: tuple[Target, ...]) -> bool:
+    def _is_outermost(self, best: Candidate, judge: Judge) -> bool:
         """Whether all of the spread is behind a plane at a near miss, across the way that is left.
 
         Were the target in reach, there should be postures on its side of the plane.
         """
-        if best is None or not best.good or best.miss <= HIT:
+        if not best.good or best.miss <= HIT:
             return False
-        off = self._off(targets, best.posture.tips[None], best.posture.rotations[None])[0]
-        return bool(np.all((self._spread_off(targets) - off) @ off >= 0))
+        off = judge.off(best.posture.tips[None], best.posture.rotations[None])[0]
+        others = judge.off(self.spread.tips, self.spread.rotations)
+        return bool(np.all((others - off) @ off >= 0))
 
-    def _judge(self, found: RestSolution, targets: tuple[Target, ...]) -> Candidate:
-        """Whether the arm comes to that posture, by continuation from rest, and how near it is."""
-        limits = self.program.limits
-        pressures = np.clip(found.pressures, limits.low, limits.high)  # to the last bit
-        posture = find_equilibrium(self.model, pressures)
-        tips = np.asarray(self.model.frames(found.q)[0]).T
-        same = posture.converged and float(np.abs(posture.tips - tips).max()) <= SAME
-        if not same:
-            posture = refine_equilibrium(self.model, pressures, found.q)
-        return self._candidate(found, posture, same, targets)
-
-    def _of_spread(self, targets: tuple[Target, ...]) -> Candidate | None:
+    def _of_spread(self, judge: Judge) -> Candidate | None:
         """The nearest posture of the spread that is stable and allowed, if any is."""
-        for k in np.argsort(np.linalg.norm(self._spread_off(targets), axis=1)):
+        for k in np.argsort(self._misses(judge)):
             rest = self.spread.postures[k]
             if rest.stable and not beyond_limits(self.model, rest.q, rest.pressures):
-                return self._candidate(None, rest, True, targets)
+                return judge.posture(rest, True)
         return None
-
-    def _candidate(
-        self,
-        found: RestSolution | None,
-        posture: Equilibrium,
-        same: bool,
-        targets: tuple[Target, ...],
-    ) -> Candidate:
-        tips, rotations = posture.tips, posture.rotations
-        errors = [(target.turns, target.error(tips, rotations)) for target in targets]
-        distance, angle = (
-            max((error for turns, error in errors if turns is kind), default=0.0)
-            for kind in (False, True)
-        )
-        miss = float(np.linalg.norm(self._off(targets, tips[None], rotations[None])))
-        cost = float("nan")
-        if found is not None:
-            cost = float(self._inverse(targets).cost(found.point[0], found.parameters))
-        return Candidate(found, posture, same, distance, angle, miss, cost)
 
     def _result(
         self,
-        targets: tuple[Target, ...],
+        judge: Judge,
         best: Candidate | None,
         iterations: int,
         starts: int,
@@ -258,15 +224,15 @@ class InverseStatics:
         if best is None or best.miss > HIT:
             # IPOPT knows nothing of stability: where it finds other postures only, one of these.
             status = NO_CONVERGENCE if best is None else UNREACHABLE
-            known = [one for one in (best, self._of_spread(targets)) if one is not None]
-            best = min(known, key=lambda one: one.rank, default=None)
+            known = [one for one in (best, self._of_spread(judge)) if one is not None]
+            best = min(known, key=RANK, default=None)
         if best is None:  # no posture at all, or none within the limits
             rest = self.spread.postures[0]
-            best = self._candidate(None, rest, rest.converged, targets)
+            best = judge.posture(rest, rest.converged)
         posture, model = best.posture, self.model
         return InverseResult(
             status=status,
-            targets=targets,
+            targets=judge.targets,
             posture=posture,
             torques=torques_within(model, posture.pressures),
             torque_band=torque_band(model),

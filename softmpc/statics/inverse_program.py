@@ -51,8 +51,9 @@ class InverseProgram:
             np.concatenate([np.zeros(count), terms.rows.low]),
             np.concatenate([np.zeros(count), terms.rows.high]),
         )
-        parameters = ca.vertcat(*symbols, terms.parameters)
-        objective = terms.objective + 0.5 * PRICE * ca.sumsqr(miss)
+        weight = ca.SX.sym("weight")  # of the cost, one but where that pulls off the target
+        parameters = ca.vertcat(*symbols, terms.parameters, weight)
+        objective = weight * terms.objective + 0.5 * PRICE * ca.sumsqr(miss)
         solver = program.solver(
             objective, extra=extra, rows=rows, parameters=parameters, options=BARRIER
         )

@@ -183,8 +183,8 @@ class Orientation(Target):
 
 def as_targets(targets: Target | Iterable[Target], sections: int) -> tuple[Target, ...]:
     """One target or several as a tuple. Raises `InputError` for anything else."""
-    several = isinstance(targets, Iterable)
-    given = tuple(targets) if several else (targets,)  # type: ignore[arg-type]
+    several = isinstance(targets, Iterable) and not isinstance(targets, Target)
+    given: tuple[Any, ...] = tuple(targets) if several else (targets,)  # type: ignore[arg-type]
     for target in given:
         if not isinstance(target, Target):
             raise InputError(
