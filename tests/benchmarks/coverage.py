@@ -50,9 +50,9 @@ def static_problem() -> CalibrationProblem:
         tips = dict(zip(AXES, tip.tolist(), strict=True))
         poses.append(StaticPose(tips, p.tolist(), sigma=NOISE, name=f"pose {k + 1}"))
     free = (
-        FreeParameter("sections.bending_radius", start=0.031, low=0.01, high=0.1, log=True),
-        FreeParameter("sections.young_modulus", start=1.3e6, low=1e5, high=1e7, log=True),
-        FreeParameter("sections.mass", start=0.5, low=0.05, high=5.0),
+        FreeParameter("sections.bending_radius", start=0.030, low=0.01, high=0.1, log=True),
+        FreeParameter("sections.young_modulus", start=1.22e6, low=1e5, high=1e7, log=True),
+        FreeParameter("sections.mass", start=0.55, low=0.05, high=5.0),
     )
     ties = (Tie("sections.shear_modulus", "sections.young_modulus", 1 / 3),)
     return CalibrationProblem(truth, free, tuple(poses), ties)
@@ -67,9 +67,9 @@ def motion_problem() -> CalibrationProblem:
     columns = dict(zip(AXES[::2], tips.T[::2], strict=True))
     record = MotionRecord(profile, time_, columns, {"tips": NOISE})
     free = (
-        FreeParameter("sections.bending_radius", start=0.0305, low=0.01, high=0.1, log=True),
-        FreeParameter("sections.viscosity", start=1.1e4, low=1e2, high=1e6, log=True),
-        FreeParameter("sections.mass", start=0.54, low=0.05, high=5.0),
+        FreeParameter("sections.bending_radius", start=0.0300, low=0.01, high=0.1, log=True),
+        FreeParameter("sections.viscosity", start=1.03e4, low=1e2, high=1e6, log=True),
+        FreeParameter("sections.mass", start=0.55, low=0.05, high=5.0),
     )
     return CalibrationProblem(truth, free, (record,))
 
