@@ -133,6 +133,16 @@ def test_rest_is_kept(loop) -> None:
     ("change", "message"),
     [
         (("horizon = 8", "horizn = 8"), "horizn.*horizon"),
+        (("horizon = 8", 'solver = "rti"'), "rti.*real-time"),
+        (("horizon = 8", "grid = [2, 1]"), "grid.*begins with 1"),
+        (("horizon = 8", "horizon = 8\ngrid = [1, 2]"), "grid has 2 lengths"),
+        (("horizon = 8", "horizon = 8\nblocks = [1, 2]"), "blocks.*add up to the 8"),
+        (("horizon = 8", "horizon = 8\ntip_box = {z = [0.6, 0.5]}"), "lower one first"),
+        (("horizon = 8", "horizon = 8\nbudget = 0"), "budget"),
+        (("horizon = 8", "horizon = 8\nscene = 3"), "scene"),
+        (("horizon = 8", "horizon = 8\nscene = {model = {segmets = 1}}"), "segmets.*segments"),
+        (("tolerance = 1e-8", 'method = "radua"'), "radua.*radau"),
+        (("tolerance = 1e-8", 'method = "radau"\ntolerance = 1e-8'), "tip_tolerance"),
         (('path = "line"', 'path = "lime"'), "lime.*line"),
         (("[0.01, 0.005, 0.6]", "[0.01, 0.005]"), "end"),
         (("[0.01, 0.005, 0.6]", "[0.01, nan, 0.6]"), "end"),
@@ -151,7 +161,7 @@ def test_bad_track_tables_say_what_is_wrong(tmp_path, change, message: str) -> N
         text = text.replace("[track.controller]", "[trak.controller]")
         text = text.replace("[track.plant]", "[trak.plant]")
     file.write_text(text)
-    with pytest.raises(SceneError, match=message):
+    with pytest.raises(InputError, match=message):
         track_file(file)
 
 
@@ -173,7 +183,7 @@ def test_missing_track_table_is_named(tmp_path) -> None:
 def test_every_path_is_read(path: dict) -> None:
     task = read_tracking(path, Path("."))
     assert task.reference.path.name == path["path"]
-    assert task.horizon == 20
+    assert task.controller.horizon == 20
 
 
 @pytest.mark.slow

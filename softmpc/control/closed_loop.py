@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
-from softmpc.control.mpc import Mpc, Step
+from softmpc.control.guide import Guide
+from softmpc.control.loop_cost import loop_cost
+from softmpc.control.ocp import Ocp
 from softmpc.control.paths import Reference
+from softmpc.control.rest_path import IN_REACH
+from softmpc.control.state_map import StateMap
+from softmpc.control.step import Step
 from softmpc.control.track_result import TrackResult
 from softmpc.errors import InputError
 from softmpc.interrupts import InterruptLater
@@ -16,11 +22,23 @@ from softmpc.model.model import Model
 from softmpc.simulation.integrator import IntegrationError, Integrator
 from softmpc.statics.equilibrium import Equilibrium
 
-__all__ = ["Start", "close_loop", "start_at"]
+__all__ = ["Controller", "Start", "close_loop", "start_at"]
 
 SAMPLE = 1e-3  # s, between the samples of the error
 
 Progress = Callable[[int, int], None]
+
+
+class Controller(Protocol):
+    """What closes a loop: an `Mpc`, or a baseline."""
+
+    ocp: Ocp
+
+    def reset(self) -> None:
+        """Forget what was before."""
+
+    def step(self, x: Any, u_before: Any, given: Any) -> Step:
+        """The input for the state x and the references at the coming nodes."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +53,13 @@ def start_at(model: Model, posture: Equilibrium) -> Start:
     """The arm at rest in a posture, the drive in balance with it."""
     u = np.linalg.solve(model.drive.static_gain, posture.pressures)
     rest = np.zeros(model.strains)
-    return Start(np.concatenate([posture.q, rest, model.drive.at_rest(u)]), u)
+    return Start(np.concatenate([posture.q, rest, model.drive_rest(u, posture.q)]), u)
 
 
 def close_loop(
-    mpc: Mpc,
+    controller: Controller,
     plant: Integrator,
-    reference: Reference,
+    reference: Reference | Guide,
     start: Start,
     *,
     duration: float | None = None,
@@ -50,20 +68,23 @@ def close_loop(
 ) -> TrackResult:
     """Run controller and plant from `start` for `duration` (s; the reference's by default).
 
-    The plant has the controller's states. Interrupted (Ctrl-C) or stopped by the plant, the result
-    holds what was done until then and says so in `status`.
+    `start` is a state of the plant. Where the controller's model is another one its state follows
+    by `StateMap`. Interrupted (Ctrl-C) or stopped by the plant, the result holds what was done
+    until then and says so in `status`.
     """
-    step = mpc.ocp.step
+    guide = reference if isinstance(reference, Guide) else Guide(reference)
+    step, nodes = controller.ocp.step, controller.ocp.nodes
     samples = max(1, round(step / SAMPLE))
-    count = _steps(reference.duration if duration is None else duration, step)
-    nodes = mpc.ocp.nodes
+    count = _steps(guide.duration if duration is None else duration, step)
+    seen = StateMap(plant.model, controller.ocp.model)
     x, u = start.x, start.u
     states, steps, status = [x[None, :]], [], "finished"
-    mpc.reset()
+    controller.reset()
     try:
         with InterruptLater() as interrupt:
             for k in range(count):
-                taken = mpc.step(x, u, reference.position(k * step + nodes))
+                state = x if seen.is_identity else seen(x, u)
+                taken = controller.step(state, u, guide.given(k * step + nodes))
                 moved = plant.advance(x, taken.u, step, samples)
                 steps.append(taken)
                 states.append(moved)
@@ -77,7 +98,10 @@ def close_loop(
         status = "interrupted"
     except IntegrationError as error:
         status = f"plant stopped: {error}"
-    return _result(mpc, reference, np.vstack(states), steps, step / samples, settle, status)
+    times = step, step / samples, settle
+    result = _result(plant.model, guide, np.vstack(states), steps, start.u, times, status)
+    ends = np.vstack(states)[samples::samples][: len(steps)]
+    return replace(result, cost=loop_cost(controller.ocp, plant.model, guide, ends, result))
 
 
 def _steps(duration: float, step: float) -> int:
@@ -87,16 +111,16 @@ def _steps(duration: float, step: float) -> int:
 
 
 def _result(
-    mpc: Mpc,
-    reference: Reference,
+    model: Model,
+    guide: Guide,
     states: np.ndarray,
     steps: Sequence[Step],
-    sample: float,
-    settle: float,
+    u_start: np.ndarray,
+    times: tuple[float, float, float],
     status: str,
 ) -> TrackResult:
-    model = mpc.ocp.model
-    n, per_step = model.strains, round(mpc.ocp.step / sample)
+    step, sample, settle = times
+    n, per_step = model.strains, round(step / sample)
     states = states[: 1 + len(steps) * per_step]
     time = sample * np.arange(len(states))
     frames = model.frames.map(len(states))
@@ -105,20 +129,37 @@ def _result(
     held = np.repeat(inputs, per_step, axis=0)
     held = np.vstack([held[:1], held]) if len(held) else np.zeros((1, inputs.shape[1]))
     drive = model.drive
+    asked = guide.asked(time)
     return TrackResult(
         title="",
         status=status,
         settle=settle,
         time=time,
         tips=tips,
-        reference=reference.position(time),
+        reference=asked,
+        followed=guide.followed(time),
         q=states[:, :n],
         dq=states[:, n : 2 * n],
         p=states[:, 2 * n :] @ drive.C.T + held @ drive.D.T,
-        control_time=mpc.ocp.step * np.arange(len(steps)),
+        control_time=step * np.arange(len(steps)),
         u=inputs,
+        u_start=u_start,
         step_ms=np.array([1e3 * s.seconds for s in steps]),
+        prepare_ms=np.array([1e3 * s.prepare_seconds for s in steps]),
         iterations=np.array([s.iterations for s in steps], dtype=int),
         statuses=[s.status if s.solved else f"{s.status} {s.worst}".strip() for s in steps],
         names=(model.layout.q.names, model.layout.u.names, model.layout.p.names),
+        **_known_before(guide, time),
     )
+
+
+def _known_before(guide: Guide, time: np.ndarray) -> dict[str, Any]:
+    """What the rest path says: how far the path is out of reach, when the posture jumps."""
+    if guide.rest is None:
+        return {}
+    far = guide.rest.out_of_reach(time)
+    return {
+        "out_of_reach": np.where(far > IN_REACH, far, 0.0),
+        "jumps": guide.rest.jump_times(time),
+        "u_rest": guide.rest.inputs(time),
+    }

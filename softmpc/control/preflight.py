@@ -19,9 +19,9 @@ from functools import cached_property
 import numpy as np
 
 from softmpc.control.limits import Limit, TorqueLimit, TorqueRateLimit
+from softmpc.control.paths import Reference
 from softmpc.control.response import Response
 from softmpc.control.rest_path import IN_REACH, NODES, RestPath, along, find_rest_path
-from softmpc.control.paths import Reference
 from softmpc.statics.inverse import InverseStatics
 
 __all__ = ["Finding", "Preflight", "find_preflight"]
@@ -60,7 +60,8 @@ class Finding:
         }[self.kind]
         note = f" ({self.note})" if self.note else ""
         when = f"t = {self.start:.2f} to {self.end:.2f} s"
-        return f"{self.kind}: {when}: {what} by up to {self.excess:.3g} {self.unit}, at ({place}) m{note}"
+        amount = f"{self.excess:.3g} {self.unit}"
+        return f"{self.kind}: {when}: {what} by up to {amount}, at ({place}) m{note}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +96,7 @@ def find_preflight(
 ) -> Preflight:
     """Check a reference against the arm and the limits of a controller with that step (s)."""
     rest = find_rest_path(inverse, reference, nodes)
-    middle = rest.found[int(np.argmin(np.linalg.norm(rest.tips - rest.tips.mean(axis=0), axis=1)))]
-    response = Response(inverse.model, middle.q, middle.pressures)
+    response = Response(inverse.model, rest.middle.q, rest.middle.pressures)
     findings = [*_reach(rest), *_torque(rest, limits), *_rate(rest, limits, step)]
     led = _Led(inverse, rest, response)
     findings += led.findings

@@ -102,6 +102,12 @@ class RestPath:
         most = change.max(axis=1)
         return np.asarray((most > JUMP) & (most > FAR * np.median(most)))
 
+    @property
+    def middle(self) -> InverseResult:
+        """The posture nearest to the middle of the path."""
+        off = np.linalg.norm(self.tips - self.tips.mean(axis=0), axis=1)
+        return self.found[int(np.argmin(off))]
+
     # --- at times ------------------------------------------------------------------------------
 
     @property

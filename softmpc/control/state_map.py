@@ -20,7 +20,7 @@ Array = Any
 
 
 class StateMap:
-    """x of the controller's model is `A x + B u` of the plant's; raises `SceneError` for other arms.
+    """x of the controller's model is `A x + B u` of the plant's; `SceneError` for different arms.
 
     The inputs are the same, and the plant's go to the controller as they are.
     """
@@ -54,8 +54,8 @@ def _check_same_arm(plant: Model, controller: Model) -> None:
     units = [[len(s.unit_angles) for s in scene.manipulator.sections] for scene in (ours, theirs)]
     if units[0] != units[1]:
         raise SceneError(
-            f"the controller's arm has {units[0]} units in its sections and the plant's {units[1]}: "
-            "both must be scenes of one arm"
+            f"the controller's arm has {units[0]} units in its sections and the plant's "
+            f"{units[1]}: both must be scenes of one arm"
         )
     kinds = ours.actuation.input, theirs.actuation.input
     if kinds[0] != kinds[1]:

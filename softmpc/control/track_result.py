@@ -17,10 +17,16 @@ from softmpc.simulation.columns import write_columns
 
 __all__ = ["TrackResult"]
 
-RESULT_SCHEMA = 1
+RESULT_SCHEMA = 2
+READS = (1, 2)
 ARRAYS = (
     "time", "tips", "reference", "q", "dq", "p", "control_time", "u", "step_ms", "iterations",
 )  # fmt: skip
+NEW_ARRAYS = (  # since schema 2
+    "followed", "u_start", "prepare_ms", "out_of_reach", "jumps", "u_rest",
+)  # fmt: skip
+ABOUT = ("settle", "statuses", "names", "clearance_m", "controller", "budget_ms", "rate_limit")
+WINDOW = 0.5  # s after a jump of the nearest posture in which the tip is on its way
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +49,17 @@ class TrackResult:
     statuses: list[str]  # of its steps (N)
     names: tuple[tuple[str, ...], ...]  # of q, u and p
     clearance_m: float | None = None  # smallest distance of the path to the workspace's edge
+    followed: np.ndarray | None = None  # what the tip is to follow, the nearest in reach (K×3)
+    u_start: np.ndarray | None = None  # input before the run (k)
+    prepare_ms: np.ndarray | None = None  # of step_ms, before the state was known (N)
+    out_of_reach: np.ndarray | None = None  # how far the reference is, m (K)
+    jumps: np.ndarray | None = None  # times at which the nearest posture jumps, s (J)
+    u_rest: np.ndarray | None = None  # inputs that hold the path at rest (K×k)
+    controller: str = ""
+    budget_ms: float | None = None  # what a step may take
+    rate_limit: float | None = None  # of the inputs, a second
+    findings: tuple[str, ...] = ()  # what of the path is infeasible, a line each
+    cost: float | None = None  # of the closed loop, in the controller's costs
 
     @property
     def tip(self) -> np.ndarray:
@@ -55,9 +72,40 @@ class TrackResult:
         return np.linalg.norm(self.tip - self.reference, axis=1)
 
     @property
+    def reachable_error(self) -> np.ndarray:
+        """Distance of the tip from what it is to follow (K), m."""
+        return np.linalg.norm(self.tip - self.target, axis=1)
+
+    @property
+    def target(self) -> np.ndarray:
+        """What the tip is to follow (K×3): the reference, or the nearest places in reach."""
+        return self.reference if self.followed is None else self.followed
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Whether a sample counts (K): settled, and not within 0.5 s after a jump."""
+        counts = self.time >= self.settle
+        for jump in () if self.jumps is None else self.jumps:
+            counts &= (self.time < jump) | (self.time > jump + WINDOW)
+        return np.asarray(counts)
+
+    @property
     def failures(self) -> int:
         """Number of controller steps whose solve failed."""
         return sum(status != "solved" for status in self.statuses)
+
+    @property
+    def variation(self) -> float:
+        """Total variation of all inputs, from the one before the run on."""
+        first = self.u[:1] if self.u_start is None else self.u_start[None]
+        return float(np.abs(np.diff(np.vstack([first, self.u]), axis=0)).sum())
+
+    @property
+    def rest_variation(self) -> float | None:
+        """That of the inputs that hold the path at rest."""
+        if self.u_rest is None:
+            return None
+        return float(np.abs(np.diff(self.u_rest, axis=0)).sum())
 
     def summary(self) -> dict[str, Any]:
         """The run in numbers people use: mm, ms."""
@@ -74,7 +122,28 @@ class TrackResult:
             "step_ms_median": float(np.median(took)) if len(took) else None,
             "step_ms_p95": float(np.percentile(took, 95)) if len(took) else None,
             "iterations_median": float(np.median(self.iterations)) if len(took) else None,
+            "step_ms_max": float(took.max()) if len(took) else None,
             "clearance_mm": None if self.clearance_m is None else 1e3 * self.clearance_m,
+            "controller": self.controller,
+            "budget_ms": self.budget_ms,
+            "cost": self.cost,
+            "input_variation": self.variation if len(took) else None,
+            "input_variation_at_rest": self.rest_variation,
+            **self._of_reach(),
+        }
+
+    def _of_reach(self) -> dict[str, Any]:
+        """Errors from what is in reach, where the path is not."""
+        lines = {"infeasible": list(self.findings)}
+        if self.followed is None or np.array_equal(self.followed, self.reference):
+            return lines
+        off = 1e3 * self.reachable_error[self.counted]
+        most = 1e3 * float(self.out_of_reach.max()) if self.out_of_reach is not None else None
+        return lines | {
+            "out_of_reach_mm": most,
+            "jumps_s": [] if self.jumps is None else self.jumps.tolist(),
+            "rms_reachable_error_mm": float(np.sqrt(np.mean(off**2))) if len(off) else None,
+            "max_reachable_error_mm": float(off.max()) if len(off) else None,
         }
 
     def save(self, directory: str | os.PathLike[str]) -> list[Path]:
@@ -89,9 +158,10 @@ class TrackResult:
 
     def _content(self) -> dict[str, Any]:
         about = {"schema": RESULT_SCHEMA, "title": self.title, "status": self.status}
-        about |= {"settle": self.settle, "statuses": self.statuses, "names": self.names}
-        about |= {"clearance_m": self.clearance_m}
-        return {"about": json.dumps(about), **{name: getattr(self, name) for name in ARRAYS}}
+        about |= {name: getattr(self, name) for name in (*ABOUT, "findings", "cost")}
+        arrays = {name: getattr(self, name) for name in ARRAYS + NEW_ARRAYS}
+        given = {name: array for name, array in arrays.items() if array is not None}
+        return {"about": json.dumps(about), **given}
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> TrackResult:
@@ -100,13 +170,16 @@ class TrackResult:
             with np.load(path, allow_pickle=False) as file:
                 about = json.loads(str(file["about"]))
                 arrays = {name: file[name] for name in ARRAYS}
+                arrays |= {name: file[name] for name in NEW_ARRAYS if name in file}
         except FileNotFoundError:
             raise InputError(f"{path}: no such file") from None
         except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
             raise InputError(f"{path}: is not a saved closed-loop run: {error}") from None
-        if about.pop("schema", None) != RESULT_SCHEMA:
-            raise InputError(f"{path}: is of another version; {RESULT_SCHEMA} is known here")
+        if about.pop("schema", None) not in READS:
+            known = " and ".join(map(str, READS))
+            raise InputError(f"{path}: is of another version; {known} are known here")
         about["names"] = tuple(tuple(names) for names in about["names"])
+        about["findings"] = tuple(about.get("findings", ()))
         return cls(**about, **arrays)
 
     def _samples(self) -> dict[str, np.ndarray]:
@@ -114,12 +187,16 @@ class TrackResult:
         for s in range(self.tips.shape[1]):
             columns |= {f"{axis}_{s + 1} [m]": self.tips[:, s, i] for i, axis in enumerate("xyz")}
         columns |= {f"{axis}_reference [m]": self.reference[:, i] for i, axis in enumerate("xyz")}
+        if self.followed is not None and not np.array_equal(self.followed, self.reference):
+            columns |= {f"{a}_followed [m]": self.followed[:, i] for i, a in enumerate("xyz")}
         columns["error [m]"] = self.error
         columns |= dict(zip(self.names[0], self.q.T, strict=True))
         return columns | {f"{n} [Pa]": p for n, p in zip(self.names[2], self.p.T, strict=True)}
 
     def _steps(self) -> dict[str, np.ndarray]:
         columns = {"t [s]": self.control_time, "step [ms]": self.step_ms}
+        if self.prepare_ms is not None:
+            columns |= {"prepare [ms]": self.prepare_ms}
         columns |= {"iterations": self.iterations}
         columns |= dict(zip(self.names[1], self.u.T, strict=True))
         return columns | {"solved": np.array([int(s == "solved") for s in self.statuses])}

@@ -1,0 +1,80 @@
+"""The controller of a scene and its baselines on one path, in one table."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softmpc.control.baselines import FeedForward, Regulated, converged
+from softmpc.control.closed_loop import Controller
+from softmpc.control.track_result import TrackResult
+from softmpc.control.tracking import Setup, read_track_file, set_up
+
+__all__ = ["COLUMNS", "compare_file", "controllers_of", "row_of"]
+
+# What the table shows: key, title, and digits.
+COLUMNS = (
+    ("rms_error_mm", "RMS error (mm)"),
+    ("max_error_mm", "largest error (mm)"),
+    ("cost", "cost"),
+    ("step_ms_median", "step, median (ms)"),
+    ("step_ms_p95", "95 % (ms)"),
+    ("step_ms_max", "100 % (ms)"),
+    ("variation", "variation of input"),
+    ("failures", "failed steps"),
+)
+
+Progress = Callable[[int, int], None]
+
+
+def controllers_of(setup: Setup) -> dict[str, Callable[[], Controller]]:
+    """Makers of the scene's own controller and of the baselines, by name."""
+    settings, ocp = setup.task.controller, setup.ocp
+    return {
+        settings.solver: lambda: setup.controller,
+        "feed-forward": lambda: FeedForward(ocp, setup.guide),
+        "LQR": lambda: Regulated(ocp, setup.guide),
+        "IPOPT to convergence": lambda: converged(ocp, settings.stages),
+    }
+
+
+def compare_file(
+    path: str | os.PathLike[str],
+    progress: Progress | None = None,
+    on_infeasible: str | None = None,
+) -> dict[str, TrackResult]:
+    """Run each controller on the scene file's path, by name; stops early where interrupted."""
+    title, scene, task = read_track_file(Path(path), on_infeasible)
+    setup = set_up(scene, task)
+    makers = controllers_of(setup)
+    results: dict[str, TrackResult] = {}
+    for k, (name, make) in enumerate(makers.items()):
+
+        def report(done: int, total: int, before: int = k) -> None:
+            if progress is not None:
+                progress(before * total + done, len(makers) * total)
+
+        results[name] = replace(setup.run(make(), report), title=title, controller=name)
+        if results[name].status == "interrupted":
+            break
+    return results
+
+
+def row_of(result: TrackResult) -> dict[str, Any]:
+    """One line of the table; errors from what is in reach."""
+    off = 1e3 * result.reachable_error[result.counted]
+    summary = result.summary()
+    return {
+        "status": result.status,
+        "rms_error_mm": float(np.sqrt(np.mean(off**2))) if len(off) else None,
+        "max_error_mm": float(off.max()) if len(off) else None,
+        "cost": result.cost,
+        **{key: summary[key] for key in ("step_ms_median", "step_ms_p95", "step_ms_max")},
+        "variation": result.variation,
+        "failures": result.failures,
+    }

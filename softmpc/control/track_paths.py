@@ -1,0 +1,53 @@
+"""The path of a [track] table, and the time law along it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from softmpc.control.paths import (
+    Circle,
+    FigureEight,
+    Helix,
+    Line,
+    Reference,
+    TimeLaw,
+    TipPath,
+    read_waypoints,
+)
+from softmpc.model.tables import Table
+
+__all__ = ["read_reference"]
+
+PATHS = ("circle", "figure-eight", "helix", "line", "waypoints")
+DOWN = (0.0, 0.0, 1.0)
+
+
+def read_reference(table: Table, folder: Path) -> Reference:
+    """Path and time law; files that the table names are looked for in `folder`."""
+    path = _read_path(table, folder)
+    law = TimeLaw(
+        table.number("lap_time", 4.0, unit="s", low=0.05, high=3600.0),
+        table.number("laps", 2.0, low=0.01, high=1e4),
+        table.number("smooth_start", 1.0, unit="s", low=0.0, high=60.0),
+    )
+    return Reference(path, law)
+
+
+def _read_path(table: Table, folder: Path) -> TipPath:
+    kind = table.string("path", allowed=PATHS)
+    if kind == "waypoints":
+        return read_waypoints(folder / table.string("file"), table.boolean("closed", False))
+    if kind == "line":
+        return Line(table.vector("start", 3, unit="m"), table.vector("end", 3, unit="m"))
+    center = table.vector("center", 3, unit="m")
+    normal = table.vector("normal", 3, DOWN)
+    size: dict[str, Any] = {"unit": "m", "low": 0.0, "low_open": True, "high": 100.0}
+    if kind == "figure-eight":
+        width, height = table.number("width", **size), table.number("height", **size)
+        return FigureEight(center, width, height, normal)
+    diameter = table.number("diameter", **size)
+    if kind == "circle":
+        return Circle(center, diameter, normal)
+    pitch = table.number("pitch", unit="m", low=-100.0, high=100.0)
+    return Helix(center, diameter, pitch, normal)
