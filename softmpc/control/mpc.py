@@ -21,6 +21,7 @@ from softmpc.control.input_guard import InputGuard
 from softmpc.control.ipopt import Ipopt
 from softmpc.control.plan import Plan
 from softmpc.control.real_time import RealTime
+from softmpc.control.rollout import Rollout
 from softmpc.control.solver import Solution, Solver
 from softmpc.control.step import (
     BUDGET_OVERRUN,
@@ -38,6 +39,7 @@ from softmpc.errors import InputError
 __all__ = ["Mpc", "Step"]
 
 RESTART_AFTER = 3
+CONSISTENT = 0.1  # largest scaled violation of a plan that an iteration may begin with
 CLIPPED = 1e-6  # of the input's scale, by which the last guard must change it to be reported
 FEASIBLE = 1e-4  # largest scaled violation of a result at the iteration cap that is still used
 _REPORTED = ("iterations", "cost", "kkt", "qp", "share", "violation")
@@ -81,7 +83,7 @@ class Mpc:
         self.solver: Solver = solver or Ipopt(transcription)
         self.budget, self.restart_after = budget, restart_after
         self.guard = InputGuard(self.ocp)
-        self._violations = Violations(transcription)
+        self._violations, self._rollout = Violations(transcription), Rollout(transcription)
         self.reset()
 
     def reset(self) -> None:
@@ -167,17 +169,29 @@ class Mpc:
         if not (self._splits and isinstance(solver, RealTime)):
             return False, ""
         try:
-            solver.prepare(self._moment(plan.state, asked), plan.shifted)
+            solver.prepare(self._moment(plan.state, asked), self._consistent(plan, plan.state))
         except Exception as error:  # a failure of the step, whatever it is
             return False, _reason(error)
         return True, ""
 
     def _guess(self, x: Array, u: Array) -> tuple[Array, Solution | None]:
         """Where to start: the last good plan, shifted; the arm at rest where there is none."""
-        if self._plan is None or self._starts_afresh:
+        plan = self._plan
+        if plan is None or self._starts_afresh:
             self._reset_solver()
-            return self.transcription.resting(x, self.guard.inside(u)), None
-        return self._plan.shifted, self._plan.multipliers
+            resting = self.transcription.resting(x, self.guard.inside(u))
+            found = self._rollout(x / self.transcription.x_scale, resting)
+            return resting if found is None else found, None
+        if plan.solution.violation > CONSISTENT:
+            return self._consistent(plan, x), None
+        return plan.shifted, plan.multipliers
+
+    def _consistent(self, plan: Plan, x: Array) -> Array:
+        """The plan from this step on; simulated anew from x where it breaks the arm's equations."""
+        if not plan.solution.violation > CONSISTENT:
+            return plan.shifted
+        found = self._rollout(x / self.transcription.x_scale, plan.shifted)
+        return plan.shifted if found is None else found
 
     def _reset_solver(self) -> None:
         reset = getattr(self.solver, "reset", None)
@@ -198,7 +212,10 @@ class Mpc:
                 found = solver.feedback(moment.x, self._time_left(asked, began))
             else:
                 given = np.concatenate([moment.x, moment.u_before, moment.given.ravel()])
-                found = solver.solve(given, w, multipliers)
+                limit = {}
+                if isinstance(solver, RealTime):
+                    limit["time_limit"] = self._time_left(asked, began)
+                found = solver.solve(given, w, multipliers, **limit)
         except Exception as error:  # a solver must not stop the control of an arm
             return None, _reason(error)
         return found, "" if found.solved else found.status
@@ -223,18 +240,9 @@ class Mpc:
             return f"{FAILED}: result not finite"
         if late and _usable(solution):
             return BUDGET_OVERRUN
-        if _capped(solution) or (solution.solved and self._unfinished(solution)):
+        if _capped(solution):
             return ITERATION_CAP
         return SOLVED if solution.solved else f"{FAILED}: {why}"
-
-    def _unfinished(self, solution: Solution) -> bool:
-        """Whether sequential quadratic programming stopped before its tolerance."""
-        solver = self.solver
-        return (
-            isinstance(solver, RealTime)
-            and solver.iterations > 1
-            and not solution.kkt <= solver.tolerance
-        )
 
     # --- the input -------------------------------------------------------------------------------
 

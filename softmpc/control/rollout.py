@@ -1,0 +1,112 @@
+"""Simulate the inputs of a plan: a trajectory that breaks none of the model's equations.
+
+Iterations that jump far leave stage equations behind that a later iteration may never mend. From a
+state and inputs a trajectory can always be made anew, interval by interval, with Newton's method.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softmpc.control.interval import Interval
+from softmpc.control.trajectory import Trajectory
+from softmpc.control.transcription import Transcription
+
+__all__ = ["Rollout"]
+
+TOLERANCE = 1e-7  # of the scaled residual
+MOST = 12  # Newton iterations of an interval
+SHARES = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the first that makes the residual smaller
+
+Array = np.ndarray
+
+
+class Rollout:
+    """Simulates one transcription, by the steps it is made of."""
+
+    def __init__(self, transcription: Transcription) -> None:
+        self.t = t = transcription
+        stages = len(t.tableau.c)
+        self._residual = t.model.residual.map(stages)
+        self._slopes = t.model.residual_jacobian.map(stages)
+        self._r_scale = np.tile(t.model.layout.r.scale, stages)
+
+    def __call__(self, x: Array, w: Array) -> Array | None:
+        """Variables (N·nw) from the scaled state x under the inputs in w; None where none is found.
+
+        Newton's method begins at the accelerations of w, and where that does not lead to a solution
+        at those of the interval before, and at none.
+        """
+        t = self.t
+        at = Trajectory.of(t, w)
+        u = np.clip(at.u, *(bound[: t.nu] for bound in t.variable_bounds()))
+        a, states, before, last = np.empty_like(at.a), np.empty_like(at.x), x, np.zeros(t.na)
+        for k, interval in enumerate(t.intervals):
+            for guess in (at.a[k], last, np.zeros(t.na)):
+                found = self._step(interval, before, u[k], guess)
+                if found is not None:
+                    break
+            if found is None:
+                return None
+            a[k], states[k] = found
+            before, last = states[k], a[k]
+        return Trajectory(u, a, states).w
+
+    def _step(self, interval: Interval, x: Array, u: Array, a: Array) -> tuple[Array, Array] | None:
+        """Unknowns and state at the end of one interval, scaled."""
+        X, U = x * self.t.x_scale, (u * self.t.u_scale)[: self.t.inputs]
+        drive = self._drive(interval, X[2 * self.t.n :], U)
+        at = self._at(interval, X, a)
+        r = self._rows(at, drive[0])
+        for _ in range(MOST):
+            if not np.all(np.isfinite(r)):
+                return None
+            if np.abs(r).max() <= TOLERANCE:
+                end = np.concatenate([at[0][-1], at[1][-1], drive[1]])
+                return a, end / self.t.x_scale
+            try:
+                step = np.linalg.solve(self._matrix(interval, at, drive[0]), r)
+            except np.linalg.LinAlgError:
+                return None
+            for share in SHARES:
+                there = a - share * step
+                at = self._at(interval, X, there)
+                after = self._rows(at, drive[0])
+                if np.abs(after).max() < np.abs(r).max():
+                    break
+            else:
+                return None
+            a, r = there, after
+        return None
+
+    def _drive(self, interval: Interval, z: Array, U: Array) -> tuple[Array, Array]:
+        """Pressures at the stages (s×m), and the drive's state at the end; SI."""
+        drive = self.t.model.drive
+        states = [phi @ z + gamma @ U for phi, gamma in interval.drive]
+        return np.array(states) @ drive.C.T + drive.D @ U, states[-1]
+
+    def _at(self, interval: Interval, X: Array, a: Array) -> tuple[Array, Array, Array]:
+        """q, dq and ddq at the stages (s×n), SI."""
+        n, form = self.t.n, interval.form
+        A = (a * self.t.a_scale).reshape(-1, n)
+        q = X[:n] + np.outer(form.of_rate, X[n : 2 * n]) + form.to_strain @ A
+        dq = form.kept * X[n : 2 * n] + form.to_rate @ A
+        return q, dq, A * form.accelerates
+
+    def _rows(self, at: tuple[Array, ...], p: Array) -> Array:
+        """Scaled residuals at the stages (s·n)."""
+        r = np.asarray(self._residual(*(value.T for value in at), p.T))
+        return r.ravel(order="F") / self._r_scale
+
+    def _matrix(self, interval: Interval, at: tuple[Array, ...], p: Array) -> Array:
+        """∂(scaled residuals)/∂(scaled unknowns)."""
+        n, form, stages = self.t.n, interval.form, len(at[0])
+        found = self._slopes(*(value.T for value in at), p.T)
+        K, D, M = (np.asarray(J.full()).reshape(n, stages, n).swapaxes(0, 1) for J in found[:3])
+        blocks = np.einsum("sj,sab->sajb", form.to_strain, K)
+        blocks += np.einsum("sj,sab->sajb", form.to_rate, D)
+        if form.accelerates:
+            stage = np.arange(stages)
+            blocks[stage, :, stage] += M
+        rows = blocks.reshape(stages * n, stages * n)
+        return np.asarray(rows * self.t.a_scale / self._r_scale[:, None])
