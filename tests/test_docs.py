@@ -112,7 +112,11 @@ def test_scene_reference_is_current() -> None:
 
 @pytest.mark.parametrize(
     ("script", "page"),
-    [("make_images.py", "conventions.md"), ("make_motion_images.py", "simulation.md")],
+    [
+        ("make_images.py", "conventions.md"),
+        ("make_inverse_image.py", "inverse.md"),
+        ("make_motion_images.py", "simulation.md"),
+    ],
 )
 def test_pictures_are_made(script: str, page: str, tmp_path: Path) -> None:
     command = [sys.executable, "-W", "error", str(ROOT / "docs" / script), str(tmp_path)]

@@ -181,10 +181,19 @@ def test_on_a_curve_the_nearest_point() -> None:
     assert found.pressures == pytest.approx([4e5], rel=1e-4)
 
 
+def test_the_nearest_may_be_far_from_its_neighbours() -> None:
+    """In the hollow within reach: most starts end 4 mm further away, in another corner."""
+    model = model_of(segments=2, **LOADED)
+    place = (0.014394386524498905, 0.12354728497652176, 0.17549249688811386)
+    corner = find_equilibrium(model, [1e6, 0, 1e6, 1e6, 1e6, 0]).tips[-1]
+    found = InverseStatics(model).solve(Position(place))
+    assert found.distance <= np.linalg.norm(corner - place) + 1e-6
+
+
 def test_few_starts_are_enough_far_away_only() -> None:
     far, near = paper().solve(Position((0, 0, 1.2))), paper().solve(Position((0.0, 0.1, 0.15)))
-    assert far.starts == 6
-    assert near.starts == 32, "a place among the postures may be in reach after all"
+    assert far.starts < 15
+    assert near.starts == 40, "a place among the postures may be in reach after all"
 
 
 # ---------------------------------------------------------------- kinds of targets

@@ -36,10 +36,12 @@ from softmpc.statics.targets import Target, as_targets
 
 __all__ = ["InverseStatics"]
 
-STARTS = 32  # postures of the spread, before a target counts as out of reach
+STARTS = 40  # postures to start from, before a target counts as out of reach:
+FIRST = 3  # a few of the spread, which mostly hit,
+AT_LIMITS = 8  # then the nearest ones with units at their limits, as the nearest of all is one,
+# then others of the spread, unless none of either lies beyond the nearest posture found.
 NEAR = 1e-4  # m; a smaller miss may be the cost's doing, at the edge of what is in reach
 LIGHT = 1e-4  # weight of the cost then
-FEW = 6  # as many will do where nothing of the spread lies beyond the nearest posture
 
 Targets = Target | Iterable[Target]
 RANK = attrgetter("rank")
@@ -77,6 +79,11 @@ class InverseStatics:
         """Postures to start from."""
         return Spread.of(self.model, self.program.limits)
 
+    @cached_property
+    def edge(self) -> Spread:
+        """Postures with units at their limits, for what is out of reach."""
+        return Spread.at_limits(self.model, self.program.limits)
+
     def solve(
         self,
         targets: Targets,
@@ -108,7 +115,8 @@ class InverseStatics:
                     candidate = min(candidate, judge.optimum(closer), key=RANK)
             best = candidate if best is None else min(best, candidate, key=RANK)
             good += candidate.rank[0] == 0
-            if good >= compare or (starts >= FEW and self._is_outermost(best, judge)):
+            enough = starts >= FIRST + AT_LIMITS and self._is_outermost(best, judge)
+            if good >= compare or enough:
                 break
         return self._result(judge, best, iterations, starts, time.perf_counter() - began)
 
@@ -183,34 +191,41 @@ class InverseStatics:
             inside = np.clip(start.pressures, limits.low, limits.high)
             last = _solution_of(start, judge.targets)
             yield last or self.program.guess(start.q, inside, nothing)
-        for rest in self.spread.starts(self._misses(judge), self.starts):
+        for rest in self._postures(judge):
             yield self.program.guess(rest.q, rest.pressures, nothing)
+
+    def _postures(self, judge: Judge) -> Iterator[Equilibrium]:
+        """Postures to start from, most promising first; made as far as they are asked for."""
+        near = self.spread.starts(_misses(judge, self.spread), self.starts)
+        yield from near[:FIRST]
+        if self.starts > FIRST:
+            at_limits = self.edge.nearest(_misses(judge, self.edge), AT_LIMITS)
+            yield from [*at_limits, *near[FIRST:]][: self.starts - FIRST]
 
     # --- what is known of the workspace ----------------------------------------------------------
 
-    def _misses(self, judge: Judge) -> np.ndarray:
-        """Of each posture of the spread (m)."""
-        off = judge.off(self.spread.tips, self.spread.rotations)
-        return np.asarray(np.linalg.norm(off, axis=1))
-
     def _is_outermost(self, best: Candidate, judge: Judge) -> bool:
-        """Whether all of the spread is behind a plane at a near miss, across the way that is left.
+        """Whether all known postures are behind a plane at a near miss, across the way left.
 
-        Were the target in reach, there should be postures on its side of the plane.
+        Were the target in reach, there should be some on its side of the plane.
         """
         if not best.good or best.miss <= HIT:
             return False
         off = judge.off(best.posture.tips[None], best.posture.rotations[None])[0]
-        others = judge.off(self.spread.tips, self.spread.rotations)
-        return bool(np.all((others - off) @ off >= 0))
+        known = [judge.off(some.tips, some.rotations) for some in (self.spread, self.edge)]
+        # Rounding: the posture may itself be one of them.
+        return bool(np.all((np.vstack(known) - off) @ off >= -1e-9 * best.miss))
 
-    def _of_spread(self, judge: Judge) -> Candidate | None:
-        """The nearest posture of the spread that is stable and allowed, if any is."""
-        for k in np.argsort(self._misses(judge)):
-            rest = self.spread.postures[k]
-            if rest.stable and not beyond_limits(self.model, rest.q, rest.pressures):
-                return judge.posture(rest, True)
-        return None
+    def _known(self, judge: Judge) -> Candidate | None:
+        """The nearest posture to start from that is stable and allowed, if any is."""
+        best: Candidate | None = None
+        for some in (self.spread, self.edge):
+            for rest in some.nearest(_misses(judge, some), len(some.postures)):
+                if rest.stable and not beyond_limits(self.model, rest.q, rest.pressures):
+                    found = judge.posture(rest, True)
+                    best = found if best is None else min(best, found, key=RANK)
+                    break
+        return best
 
     def _result(
         self,
@@ -224,7 +239,7 @@ class InverseStatics:
         if best is None or best.miss > HIT:
             # IPOPT knows nothing of stability: where it finds other postures only, one of these.
             status = NO_CONVERGENCE if best is None else UNREACHABLE
-            known = [one for one in (best, self._of_spread(judge)) if one is not None]
+            known = [one for one in (best, self._known(judge)) if one is not None]
             best = min(known, key=RANK, default=None)
         if best is None:  # no posture at all, or none within the limits
             rest = self.spread.postures[0]
@@ -246,6 +261,11 @@ class InverseStatics:
             seconds=seconds,
             solution=best.solution,
         )
+
+
+def _misses(judge: Judge, some: Spread) -> np.ndarray:
+    """What its postures miss (N, m)."""
+    return np.asarray(np.linalg.norm(judge.off(some.tips, some.rotations), axis=1))
 
 
 def _check_whole(name: str, value: int) -> None:
