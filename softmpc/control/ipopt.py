@@ -90,4 +90,11 @@ class Ipopt:
             worst=worst,
             iterations=int(stats["iter_count"]),
             seconds=time.perf_counter() - started,
+            kkt=_kkt(stats),
         )
+
+
+def _kkt(stats: dict[str, Any]) -> float:
+    """Largest residual of the conditions of an optimum at the last iterate."""
+    last = [stats["iterations"][name][-1:] for name in ("inf_pr", "inf_du")]
+    return float(max([*last[0], *last[1]], default=np.nan))

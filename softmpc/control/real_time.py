@@ -112,15 +112,14 @@ class RealTime:
         program = self._program(ready, free)
         found = self.qp.solve(program, time_limit, self._active)
         self._active = found.multipliers if found.solved else None  # never that of a failure
-        if not found.solved:
-            return _failed(ready.at.w, found, began), None
+        here, moment = ready.condensed.linear.measured, replace(ready.moment, x=x)
+        if dx.any():
+            here = self.linearisation.measure(moment, ready.at)
+        if not found.solved:  # what is wrong with the start is the best hint there is
+            return _failed(ready.at.w, found, self._worst(ready.at, here), began), None
         step = ready.condensed.expand(found.v, dx, free)
         multipliers = Multipliers.of(ready.condensed, step, *self._apart(found.multipliers))
         merit = Merit(self.limited, multipliers, ready.merit)
-        here = ready.condensed.linear.measured
-        moment = replace(ready.moment, x=x)
-        if dx.any():
-            here = self.linearisation.measure(moment, ready.at)
         at, measured, share = self._globalised(merit, ready, moment, here, step)
         slope = float(np.abs(program.H @ found.v).max())  # what the cost would still fall by
         return self._solution(at, measured, multipliers, found, share, slope, began), merit
@@ -285,10 +284,10 @@ def _blocks(blocks: Sequence[int] | None, intervals: int) -> Array:
     return np.repeat(np.arange(len(counts)), counts)
 
 
-def _failed(w: Array, found: QpSolution, began: float) -> Solution:
+def _failed(w: Array, found: QpSolution, worst: tuple[float, str], began: float) -> Solution:
     return Solution(
-        False, f"QP {found.status}", w, NO_MULTIPLIERS, NO_MULTIPLIERS, float("nan"), float("inf"),
-        "", 1, _since(began), float("inf"), found.status, 0.0,
+        False, f"QP {found.status}", w, NO_MULTIPLIERS, NO_MULTIPLIERS, float("nan"), *worst,
+        1, _since(began), float("inf"), found.status, 0.0,
     )  # fmt: skip
 
 
