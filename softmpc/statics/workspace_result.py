@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.errors import InputError
 from softmpc.statics.workspace_limits import EXTENTS, Extreme
 from softmpc.statics.workspace_samples import Samples
 from softmpc.statics.workspace_shell import Shell
@@ -108,9 +109,19 @@ class Workspace:
         return both[np.isfinite(both).all(axis=1)]
 
     def extreme(self, quantity: str, sense: str, section: int | None = None) -> Extreme:
-        """One of the extremes, of this section unless another one is named."""
+        """One of the extremes, of this section unless another one is named.
+
+        Raises `InputError` for one that does not exist.
+        """
         wanted = (quantity, sense, self.section if section is None else section)
-        return next(e for e in self.extremes if (e.quantity, e.sense, e.section) == wanted)
+        found = {(e.quantity, e.sense, e.section): e for e in self.extremes}
+        if wanted not in found:
+            names = ", ".join(sorted({e.quantity for e in self.extremes}))
+            raise InputError(
+                f"extreme {wanted}: must be the 'smallest' or 'largest' of {names}, of a section "
+                f"from 1 to {self.section}"
+            )
+        return found[wanted]
 
     def distance_outside(self, points: Any) -> np.ndarray:
         """About how far places (K×3, m) are outside (K), m; 0 for those between the surfaces.
