@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,11 @@ from softmpc.cli.common import (
     Answer,
     animation_option,
     answering,
-    load,
+    as_json,
     progress,
     scene_argument,
     table,
+    write_text,
 )
 
 if TYPE_CHECKING:
@@ -28,21 +30,42 @@ __all__ = ["command"]
 
 @click.command("track")
 @scene_argument
+@click.option(
+    "--on-infeasible", type=click.Choice(("stop", "project")),
+    help="What to do where the path cannot be followed: stop before the run, or follow the "
+    "nearest places in reach. By default what the scene file says, else stop.",
+)  # fmt: skip
+@click.option(
+    "--compare", "against", is_flag=True,
+    help="Run feed-forward, LQR and IPOPT to convergence as well, and print one table.",
+)  # fmt: skip
 @animation_option
 @answering("track")
-def command(scene: Path, animate: bool, out: Path | None) -> Answer:
+def command(
+    scene: Path, on_infeasible: str | None, against: bool, animate: bool, out: Path | None
+) -> Answer:
     """Move the tip along the path of the table [track] of the scene file SCENE."""
+    from softmpc.control.compare import compare_file
     from softmpc.control.tracking import track_file
 
+    others: dict[str, TrackResult] = {}
     with progress("tracking") as report:
-        result = track_file(scene, report)
+        if against:
+            others = compare_file(scene, report, on_infeasible)
+            result = next(iter(others.values()))
+        else:
+            result = track_file(scene, report, on_infeasible)
     data = {"title": result.title, **result.summary()}
     if out:
         result.save(out)
         if result.statuses:
             _draw(out, scene, result, animate and result.status != "interrupted")
+    text = _text(data)
+    if others:
+        data["controllers"] = _compared(others, out)
+        text += "\n\n" + _comparison(data["controllers"])
     status, problem = _judge(result)
-    return Answer(data, _text(data), status, problem)
+    return Answer(data, text, status, problem)
 
 
 def _judge(result: TrackResult) -> tuple[int, str]:
@@ -59,23 +82,24 @@ def _judge(result: TrackResult) -> tuple[int, str]:
 
 
 def _draw(out: Path, scene: Path, result: TrackResult, animate: bool) -> None:
+    from softmpc.control.tracking import read_track_file
     from softmpc.model.model import build
     from softmpc.view import time_plots
     from softmpc.view.animation import animate as write_animation
+    from softmpc.view.control import control_figure
     from softmpc.view.style import save_figure
     from softmpc.view.tracking import tracking_figure
 
-    model, title, time = build(load(scene)[1]), result.title, result.time
+    _, own, task = read_track_file(scene)
+    model = build(task.plant.scene or own)
+    title, time = result.title, result.time
     save_figure(tracking_figure(model, result), out / "track.png")
-    tips = time_plots.tips_figure(time, result.tips, result.reference, f"{title}: section tips")
+    save_figure(control_figure(model, result), out / "control.png")
+    tips = time_plots.tips_figure(time, result.tips, result.target, f"{title}: section tips")
     save_figure(tips, out / "tips.png")
     save_figure(
         time_plots.strains_figure(model, time, result.q, f"{title}: strains"), out / "strains.png"
     )
-    times = result.control_time
-    sampling = 1e3 * (times[1] - times[0]) if len(times) > 1 else None
-    solves = time_plots.solve_times_figure(times, result.step_ms, sampling, f"{title}: solve times")
-    save_figure(solves, out / "solve_times.png")
     if animate:
         with progress("animation", "frame") as report:
             write_animation(
@@ -83,18 +107,59 @@ def _draw(out: Path, scene: Path, result: TrackResult, animate: bool) -> None:
             )
 
 
+def _compared(others: Mapping[str, TrackResult], out: Path | None) -> dict[str, Any]:
+    """One line for each controller; with `out` also as files."""
+    from softmpc.control.compare import COLUMNS, row_of
+
+    rows = {name: row_of(result) for name, result in others.items()}
+    if out:
+        lines = [",".join(["controller", "status", *(key for key, _ in COLUMNS)])]
+        for name, row in rows.items():
+            cells = [row["status"].split(":")[0], *(row[key] for key, _ in COLUMNS)]
+            lines.append(",".join([name, *("" if cell is None else str(cell) for cell in cells)]))
+        write_text(out / "compare.csv", "\n".join(lines))
+        write_text(out / "compare.json", as_json(rows, indent=2))
+    return rows
+
+
+def _comparison(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    """The table for people."""
+    from softmpc.control.compare import COLUMNS
+
+    titles = ["controller", *(title for _, title in COLUMNS)]
+    lines = [titles]
+    for name, row in rows.items():
+        cells = ["-" if row[key] is None else f"{row[key]:.4g}" for key, _ in COLUMNS]
+        lines.append([name, *cells])
+    widths = [max(len(line[k]) for line in lines) for k in range(len(titles))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if k == 0 else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        )
+        for line in lines
+    )
+
+
 def _text(data: dict[str, Any]) -> str:
+    settled = f"mm after {data['settle_s']:g} s"
     rows: list[tuple[str, object]] = [("status", data["status"])]
     rows += [
         (name, f"{data[key]:.4g} {unit}")
         for name, key, unit in (
-            ("RMS tip error", "rms_error_mm", f"mm after {data['settle_s']:g} s"),
-            ("largest tip error", "max_error_mm", f"mm after {data['settle_s']:g} s"),
+            ("RMS tip error", "rms_error_mm", settled),
+            ("largest tip error", "max_error_mm", settled),
+            ("RMS error in reach", "rms_reachable_error_mm", "mm from the nearest place in reach"),
+            ("largest error in reach", "max_reachable_error_mm", "mm, but for 0.5 s after jumps"),
             ("time of a step, median", "step_ms_median", "ms"),
             ("time of a step, 95 %", "step_ms_p95", "ms"),
+            ("time of a step, 100 %", "step_ms_max", "ms"),
+            ("variation of input", "input_variation", "in all"),
+            ("the same at rest", "input_variation_at_rest", "in all"),
             ("clearance of the path", "clearance_mm", "mm to the edge of the workspace"),
         )
-        if data[key] is not None
+        if data.get(key) is not None
     ]
     rows.append(("steps", f"{data['steps']}, {data['failures']} failed"))
-    return "\n".join([data["title"], table(rows)])
+    infeasible = [f"infeasible: {line}" for line in data.get("infeasible", [])]
+    return "\n".join([data["title"], table(rows), *infeasible])

@@ -147,7 +147,7 @@ def _result(
         step_ms=np.array([1e3 * s.seconds for s in steps]),
         prepare_ms=np.array([1e3 * s.prepare_seconds for s in steps]),
         iterations=np.array([s.iterations for s in steps], dtype=int),
-        statuses=[s.status if s.solved else f"{s.status} {s.worst}".strip() for s in steps],
+        statuses=[": ".join(filter(None, (s.status, s.worst))) for s in steps],
         names=(model.layout.q.names, model.layout.u.names, model.layout.p.names),
         **_known_before(guide, time),
     )

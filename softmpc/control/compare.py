@@ -17,7 +17,7 @@ from softmpc.control.tracking import Setup, read_track_file, set_up
 
 __all__ = ["COLUMNS", "compare_file", "controllers_of", "row_of"]
 
-# What the table shows: key, title, and digits.
+# What the table shows: key and title.
 COLUMNS = (
     ("rms_error_mm", "RMS error (mm)"),
     ("max_error_mm", "largest error (mm)"),

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from softmpc.control.costs import Cost, StrainRate, TipPosition, Torque, TorqueRate
-from softmpc.control.ipopt import Ipopt
 from softmpc.control.limits import (
     Limit,
     PressureLimit,
@@ -16,17 +15,16 @@ from softmpc.control.limits import (
     TorqueRateLimit,
 )
 from softmpc.control.ocp import PRESSURE_EXCESS, Ocp
-from softmpc.control.real_time import RealTime
 from softmpc.control.solver import Solver
+from softmpc.control.solvers import SOLVERS, make_solver
 from softmpc.control.transcription import Transcription
 from softmpc.errors import SceneError
 from softmpc.model.model import Model
 from softmpc.model.scene import STRAINS, Scene
 from softmpc.model.tables import Table
 
-__all__ = ["SOLVERS", "ControllerSettings", "read_controller"]
+__all__ = ["ControllerSettings", "read_controller"]
 
-SOLVERS = ("real-time", "sqp", "ipopt", "fatrop")
 TERMINALS = ("none", "rest")
 SOFTENED = ("pressure", "strain", "tip_box")
 TIP_EXCESS = 1e-3  # of the arm's length, whose square costs ½
@@ -87,15 +85,15 @@ class ControllerSettings:
         return Ocp(model, self.horizon, self.step, self.costs, limits, grid=self.grid)
 
     def make_solver(self, transcription: Transcription) -> Solver:
-        """The solver of that name."""
-        if self.solver == "real-time":
-            return RealTime(transcription, blocks=self.blocks)
-        if self.solver == "sqp":
-            return RealTime(transcription, self.max_iterations, self.tolerance, self.blocks)
-        hessian: Literal["gauss-newton", "exact"] = "gauss-newton"
-        if self.hessian == "exact":
-            hessian = "exact"
-        return Ipopt(transcription, hessian, self.tolerance, self.max_iterations)
+        """The solver of that name, with those of its options that it takes."""
+        options: dict[str, Any] = {}
+        if self.solver in ("real-time", "sqp"):
+            options["blocks"] = self.blocks
+        if self.solver != "real-time":
+            options |= {"tolerance": self.tolerance, "max_iterations": self.max_iterations}
+        if self.solver == "ipopt":
+            options["hessian"] = self.hessian
+        return make_solver(self.solver, transcription, **options)
 
 
 def read_controller(table: Table, scene: Scene | None = None) -> ControllerSettings:

@@ -193,7 +193,11 @@ def _draw_units(
 
 
 def draw_solve_times(
-    axes: Axes, time: np.ndarray, step_ms: np.ndarray, budget_ms: float | None = None
+    axes: Axes,
+    time: np.ndarray,
+    step_ms: np.ndarray,
+    budget_ms: float | None = None,
+    of: str = "sampling",
 ) -> None:
     """Solve times (ms) on a logarithmic scale, the median, and the time there is for a step."""
     axes.semilogy(time, step_ms, ".", color=GREY, markersize=4, label="step")
@@ -201,7 +205,7 @@ def draw_solve_times(
     axes.axhline(median, color=INK, linewidth=1.2, label=f"median {median:.3g} ms")
     if budget_ms:
         style: dict[str, Any] = {"color": ALARM, "linewidth": 1.0, "linestyle": (0, (8, 3, 1, 3))}
-        axes.axhline(budget_ms, **style, label=f"sampling {budget_ms:.3g} ms")
+        axes.axhline(budget_ms, **style, label=f"{of} {budget_ms:.3g} ms")
     label(axes, TIME, "solve time (ms)", "controller")
     plain_log(axes)
 

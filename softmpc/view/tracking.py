@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, space
-from softmpc.view.style import GREY, INK, REFERENCE, TRACE, figure, label, styled
+from softmpc.view.control import shade_out_of_reach
+from softmpc.view.style import ALARM, GREY, INK, REFERENCE, TRACE, figure, label, styled
 from softmpc.view.time_plots import TIME, draw_pressures, draw_torques, plain_log
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["tracking_figure"]
 
 GHOSTS = 7
+OUT_OF_REACH: dict[str, Any] = {"color": ALARM, "linewidth": 4.0, "alpha": 0.35}
+NEAREST: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (2, 1.5))}
 MOST_POINTS = 2000
 
 
@@ -38,6 +41,7 @@ def tracking_figure(model: Model, result: Any) -> Figure:
     _draw_drive(over_time[1:], model, result)
     for axes in over_time:
         axes.margins(x=0.01)
+        shade_out_of_reach(axes, result)
     right.align_ylabels([path, *over_time[1:]])
     handles, names = over_time[2].get_legend_handles_labels()
     if len(names) <= 13:
@@ -57,10 +61,21 @@ def _draw_drive(axes: list[Axes], model: Model, result: Any) -> None:
 
 def _title(result: Any) -> str:
     title = result.title or "Tip tracking"
-    error = result.error[result.time >= result.settle] * 1e3
+    projected = _projected(result)
+    error = 1e3 * (
+        result.reachable_error[result.counted]
+        if projected
+        else result.error[result.time >= result.settle]
+    )
     if not len(error):
         return str(title)
-    return f"{title}: {np.sqrt(np.mean(error**2)):.2g} mm RMS after {result.settle:g} s"
+    rms = f"{np.sqrt(np.mean(error**2)):.2g} mm RMS after {result.settle:g} s"
+    return f"{title}: {rms}" + (" from what is in reach" if projected else "")
+
+
+def _projected(result: Any) -> bool:
+    """Whether something else than the path is followed."""
+    return result.followed is not None and not np.array_equal(result.followed, result.reference)
 
 
 def _draw_space(made: Any, arm: Arm, result: Any) -> None:
@@ -84,9 +99,22 @@ def _draw_path(axes: Axes, result: Any) -> None:
     """The path seen face on, in mm, with equal scales."""
     across, up = places = _plane(result.reference)
     axes.plot(*1e3 * _thin(result.reference).T[places], **REFERENCE)
+    _draw_infeasible(axes, result, places)
     axes.plot(*1e3 * _thin(result.tip).T[places], **TRACE)
     axes.set_aspect("equal", adjustable="datalim")
     label(axes, f"{'xyz'[across]} (mm)", f"{'xyz'[up]} (mm)", "tip path")
+
+
+def _draw_infeasible(axes: Axes, result: Any, places: list[int]) -> None:
+    """What of the path is out of reach, and what is followed there instead."""
+    far = result.out_of_reach
+    if far is None or not np.any(far > 0):
+        return
+    asked = 1e3 * np.where(far[:, None] > 0, result.reference, np.nan)
+    axes.plot(*_thin(asked).T[places], **OUT_OF_REACH)
+    if result.followed is not None:
+        nearest = 1e3 * np.where(far[:, None] > 0, result.followed, np.nan)
+        axes.plot(*_thin(nearest).T[places], **NEAREST)
 
 
 def _plane(path: np.ndarray) -> list[int]:
@@ -105,14 +133,17 @@ def _draw_error(axes: Axes, result: Any) -> None:
 
     It ripples with each step of the controller: a band from least to most, a line for the mean.
     """
-    error, count = result.error * 1e3, max(1, len(result.control_time))
+    projected = _projected(result)
+    error = 1e3 * (result.reachable_error if projected else result.error)
+    count = max(1, len(result.control_time))
     steps = np.array_split(np.arange(len(error)), min(count, len(error)))
     low, mean, high = (np.array([f(error[k]) for k in steps]) for f in (np.min, np.mean, np.max))
     time = np.array([result.time[k].mean() for k in steps])
     axes.fill_between(time, low, high, color=GREY, alpha=0.45, linewidth=0)
     axes.plot(time, mean, color=INK, linewidth=1.1)
     axes.axvline(result.settle, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
-    label(axes, TIME, "tip error (mm)", f"tip error, counted from {result.settle:g} s on (dashed)")
+    what = "tip to nearest place in reach" if projected else "tip error"
+    label(axes, TIME, "tip error (mm)", f"{what}, counted from {result.settle:g} s on (dashed)")
     settled = error[result.time >= result.settle]
     if len(settled) and error.max() > 10 * settled.max():  # a start from afar
         axes.set_yscale("log")
