@@ -24,8 +24,8 @@ from softmpc.errors import BuildError
 __all__ = ["Fatrop"]
 
 MISSING = (
-    "this build of CasADi has no Fatrop: install casadi 3.7.2 or later from PyPI, or choose another "
-    "solver, such as 'ipopt'"
+    "this build of CasADi has no Fatrop: install casadi 3.7.2 or later from PyPI, or choose "
+    "another solver, such as 'ipopt'"
 )
 
 
@@ -227,9 +227,11 @@ class _Stages:
         through = by_x @ wide[t.na :, :] + ca.horzcat(none[0], by_before, by_u, none[1])
         outputs = ca.vertcat(step, value), ca.vertcat(wide, through)
         y = ca.MX.sym("y", outputs[0].shape[0])
+        constant: Any = {"is_diff_in": [False] * 3}
+        zero: Any = ca.DM(y.shape[0], t.nr)
         slope = ca.Function(
-            "jac_stage", [v, given, y], [outputs[1], ca.DM(y.shape[0], t.nr)],
-            ["v", "given", "y"], ["jac_y_v", "jac_y_given"], {"is_diff_in": [False] * 3},
+            "jac_stage", [v, given, y], [outputs[1], zero],
+            ["v", "given", "y"], ["jac_y_v", "jac_y_given"], constant,
         )  # fmt: skip
         options = {"custom_jacobian": slope, "jac_penalty": 0, "never_inline": True}
         return ca.Function("stage", [v, given], [outputs[0]], ["v", "given"], ["y"], options)

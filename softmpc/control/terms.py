@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -41,11 +42,9 @@ class Terms:
         pattern = self._pattern(self._J)
         self._columns = np.flatnonzero(pattern[self._bent].any(axis=0))
         first = 2 * symbols[1].numel()
-        self.moving: Array = np.asarray(pattern[:, first : first + arm].any(axis=1))
+        self.moving: Any = np.asarray(pattern[:, first : first + arm].any(axis=1))
         self.moving[self._bent] = True
-        self.of_input: Array = pattern[:, :first].any(
-            axis=1
-        )  # rows in which inputs stand themselves
+        self.of_input: Any = pattern[:, :first].any(axis=1)  # rows in which inputs stand themselves
 
     @staticmethod
     def _pattern(J: ca.SX) -> Array:
