@@ -25,7 +25,6 @@ __all__ = ["HIT", "Place", "RaySearch", "Search"]
 HIT = 1e-5  # m: as near forward statics must come to a place
 FAR = 10.0  # rest lengths of the arm, a bound on the way along a ray
 SAME = 1e-9  # of a value: answers nearer to each other are one
-AGREEING = 3  # starts that led to one and the same best answer: no more are tried
 HALVINGS = 12  # of the way between what holds and what does not
 OPTIONS: dict[str, Any] = {"max_iter": 100}  # what takes longer is on its way to nowhere
 UNLIMITED = 1e6
@@ -195,9 +194,6 @@ class RaySearch:
             found = self._solve(search, given, start)
             if found.solved:
                 answers.append((search.value(found), found))
-                top = max(worth for worth, _ in answers)
-                if sum(worth > top - SAME for worth, _ in answers) == AGREEING:
-                    break
         refused: float | None = None
         last = np.inf
         for worth, found in sorted(answers, key=lambda answer: -answer[0]):
