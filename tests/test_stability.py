@@ -23,7 +23,7 @@ def test_starts_are_spread_and_repeat(bench: Bench) -> None:
     """Half of them move; all are far from the target and from each other."""
     n, scale = bench.model.strains, bench.model.layout.dq.scale
     starts = [bench.start(number)[0] for number in range(8)]
-    moving = [bool(np.abs(x[n : 2 * n] / scale).max() > 0.1) for x in starts]
+    moving = [bool(np.abs(x[n : 2 * n] / scale).max() > 0.01) for x in starts]
     assert moving == [False, True] * 4
     tips = np.array([bench.tip(x) for x in starts])
     assert np.linalg.norm(tips - bench.tip(bench.target.x), axis=1).max() > 0.2
