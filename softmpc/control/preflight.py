@@ -196,10 +196,10 @@ class _Led:
         still = response(0.0)
         led = np.zeros_like(harmonics)
         led[0] = harmonics[0]
+        to_input = np.linalg.pinv(still)  # inputs that move the tip so, at rest
         for k in range(1, HARMONICS):
-            lead = still @ np.linalg.pinv(response(k * omega))
-            led[k] = lead @ harmonics[k]
-        self.gain = float(np.linalg.norm(still @ np.linalg.pinv(response(omega)), 2))
+            led[k] = np.linalg.solve(response(k * omega) @ to_input, harmonics[k])
+        self.gain = float(np.linalg.norm(np.linalg.inv(response(omega) @ to_input), 2))
         self.lap = np.fft.irfft(led, SAMPLES, axis=0) + self.phase[:, None] * drift
         self.found = self._found(inverse)
 
