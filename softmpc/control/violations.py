@@ -41,7 +41,7 @@ class Violations:
         Such as "T_3 in interval 1 by 0.2 N·m; balance of kappa_x_1_1 (stage 2) in interval 4 by …".
         """
         over = self._amounts(moment, Trajectory.of(self.t, w))
-        places = np.argsort(-over, axis=None, kind="stable")[:count]
+        places = np.argsort(-over.round(6), axis=None, kind="stable")[:count]  # first of equals
         words = []
         for k, i in zip(*np.unravel_index(places, over.shape), strict=True):
             if over[k, i] > SMALLEST:
