@@ -92,9 +92,16 @@ def _draw_statuses(axes: Axes, result: Any) -> None:
     kinds = [str(kind) for kind in np.unique(words) if kind != "solved"]
     for k, kind in enumerate(kinds):
         own = words == kind
-        look: dict[str, Any] = {"marker": MARKS[k % len(MARKS)], "color": ALARM, "linestyle": "none"}
+        look: dict[str, Any] = {"marker": MARKS[k % len(MARKS)], "linestyle": "none"}
         name = f"{kind} ({int(own.sum())})"
-        axes.plot(result.control_time[own], result.step_ms[own], **look, markersize=5, label=name)
+        axes.plot(
+            result.control_time[own],
+            result.step_ms[own],
+            **look,
+            color=ALARM,
+            markersize=5,
+            label=name,
+        )
     solved = int((words == "solved").sum())
     axes.set_title(f"controller: {solved} of {len(words)} steps solved", loc="left")
 
