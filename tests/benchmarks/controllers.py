@@ -114,8 +114,8 @@ def percentiles(ms: list[float]) -> str:
 
 def step_times(steps: int) -> None:
     print(f"\nStep times, N = 20, 2 × 1 segments, {steps} steps (ms: median, 95 %, 100 %)")
-    print("solver  compiled  torque       50 %      95 %     100 %   CPU 50 %  iterations  cost/IPOPT  at limit"
-          "  failed  build s")  # fmt: skip
+    print("solver  compiled  torque       50 %      95 %     100 %   CPU 50 %  iterations  "
+          "cost/IPOPT  at limit  failed  build s")  # fmt: skip
     for top, word in ((FULL, "free"), (LOW, "saturated")):
         rows = [(name, "never") for name in SOLVERS] + [("SQP", "auto"), ("RTI", "auto")]
         best = 0.0
@@ -126,8 +126,10 @@ def step_times(steps: int) -> None:
             best = best or found["cost"]
             print(
                 f"{name:6}  {'yes' if mode == 'auto' else 'no':8}  {word:9}  "
-                f"{percentiles(found['ms'])}  {middle(found['cpu']):9.1f}  {found['iterations']:10.1f}  "
-                f"{found['cost'] / best:10.4f}  {found['at_limit']:8.2f}  {found['failed']:6d}  "
+                f"{percentiles(found['ms'])}  {middle(found['cpu']):9.1f}  "
+                f"{found['iterations']:10.1f}  "
+                f"{found['cost'] / best:10.4f}  {found['at_limit']:8.2f}  "
+                f"{found['failed']:6d}  "
                 f"{found['build']:7.1f}",
                 flush=True,
             )
@@ -143,8 +145,8 @@ def closed_loop(steps: int) -> None:
 
 
 def growth(steps: int, quick: bool) -> None:
-    print("\nGrowth (medians of processor time; ms a step of RTI, ms an iteration of the others), not compiled but for"
-          " RTI*")  # fmt: skip
+    print("\nGrowth (medians of processor time; ms a step of RTI, ms an iteration of the "
+          "others), not compiled but for RTI*")  # fmt: skip
     print("segments   N       RTI      RTI*   build*   IPOPT    Fatrop")
     sizes = [(1, 10), (1, 20), (1, 40), (2, 20), (4, 20)]
     for segments, intervals in sizes[:3] if quick else sizes:
@@ -156,8 +158,8 @@ def growth(steps: int, quick: bool) -> None:
             found = measured(solver=name, **(call | {"steps": FIRST + 4}))
             each.append(middle(found["cpu"]) / found["iterations"])
         print(
-            f"{segments:8d}  {intervals:2d}  {middle(rti['cpu']):8.2f}  {middle(fast['cpu']):8.2f}  "
-            f"{fast['build']:7.1f}  {each[0]:6.1f}  {each[1]:8.1f}",
+            f"{segments:8d}  {intervals:2d}  {middle(rti['cpu']):8.2f}  "
+            f"{middle(fast['cpu']):8.2f}  {fast['build']:7.1f}  {each[0]:6.1f}  {each[1]:8.1f}",
             flush=True,
         )
 
