@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 KEPT = "workspace_parts"  # what is done, until all of it is
+INSIDE = 200  # places between the surfaces that --check looks at, at most
 NAMES = {
     "bending_angle_deg": ("bending angle", "deg"),
     "arc_length_m": ("arc length", "m"),
@@ -87,7 +88,7 @@ def command(
     if check:
         from softmpc.statics.workspace_check import check_workspace
 
-        data["check"] = _check(check_workspace(model, space, check))
+        data["check"] = _check(check_workspace(model, space, check, inside=min(check, INSIDE)))
     data["warnings"] = _warnings(space)
     if out:
         _write(out, model, space, title)
@@ -133,6 +134,7 @@ def _check(found: WorkspaceCheck) -> dict[str, Any]:
         "points": found.points,
         "unreachable_points": found.unreachable,
         "off_mm": found.off * 1e3,
+        "filled": found.filled,
     }
 
 
@@ -200,6 +202,8 @@ def _text(data: dict[str, Any], space: Workspace) -> str:
         c = data["check"]
         rows.append(("check", f"{c['samples']} postures, {c['outside_mm']:.3g} mm outside at most"))
         rows.append(("", f"{c['points']} points again, {c['unreachable_points']} unreachable"))
+        if space.shell is not None:
+            rows.append(("", f"{100 * c['filled']:.1f} % of places between the surfaces in reach"))
     rows.append(("time", f"{data['wall_s']:.1f} s"))
     rows += [("warning", text) for text in data["warnings"]]
     return "\n".join([data["title"], table(rows)])

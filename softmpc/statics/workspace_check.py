@@ -9,7 +9,9 @@ import numpy as np
 
 from softmpc.model.model import Model
 from softmpc.statics.equilibrium import find_equilibrium
+from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.rest_limits import rest_limits
+from softmpc.statics.targets import Position
 from softmpc.statics.workspace_rays import RaySearch
 from softmpc.statics.workspace_result import Surface, Workspace
 from softmpc.statics.workspace_samples import Start, random_samples, solve
@@ -40,12 +42,16 @@ class WorkspaceCheck:
     points: int
     off: float
     unreachable: int
+    filled: float  # share of random places between the surfaces that are in reach; NaN if not asked
 
 
 def check_workspace(
-    model: Model, space: Workspace, count: int = 1000, seed: int = 1
+    model: Model, space: Workspace, count: int = 1000, seed: int = 1, inside: int = 0
 ) -> WorkspaceCheck:
-    """Check against `count` random admissible pressures; half of them favour the limits."""
+    """Check against `count` random admissible pressures; half of them favour the limits.
+
+    `inside` places between the surfaces are sought by inverse statics.
+    """
     limits = rest_limits(model, space.held)
     rng = np.random.default_rng(seed)
     even = limits.low + rng.uniform(size=(count // 2, len(limits.low))) * limits.range
@@ -71,7 +77,23 @@ def check_workspace(
         worst=None if worst is None else seen.tips[worst],
         by_grid=float(away.max(initial=0.0)),
         **_points_again(model, space),
+        filled=_filled(model, space, inside, rng),
     )
+
+
+def _filled(model: Model, space: Workspace, count: int, rng: np.random.Generator) -> float:
+    """Share of places, even in volume, that inverse statics reaches by a stable posture."""
+    if space.shell is None or not count:
+        return float("nan")
+    inverse, last = InverseStatics(model, held=space.held), None
+    found: list[bool] = []
+    low, high = space.extents.T
+    while len(found) < count:
+        places = rng.uniform(low, high, (count, 3))
+        for place in places[space.shell.outside(places) == 0][: count - len(found)]:
+            last = inverse.solve(Position(tuple(place), section=space.section), last)
+            found.append(last.solved and last.stable)
+    return float(np.mean(found))
 
 
 def _points_again(model: Model, space: Workspace) -> dict[str, Any]:

@@ -3,9 +3,10 @@
     python -m tests.benchmarks.workspace [--samples 10000] [--azimuths 24] [--polars 13] [--quick]
 
 One section and both sections of the paper's arm, and an arm of three sections of other sizes, each
-without and with a load at the tip. For each: seconds (all usable cores), volume in litres and what
-leaving out every second node changes, confirmed points of both surfaces, and the check with random
-admissible pressures that the search has not seen, half of them with units at their limits:
+without and with a load at the tip. For each: seconds (all usable cores), and seconds of all
+processes together, which a busy machine changes less; volume in litres and what leaving out every
+second node changes; points of both surfaces; the check with random admissible pressures that the
+search has not seen, half of them with units at their limits:
 
 outside   how far a place is beyond what a search along its own ray finds, started from the edge,
           not from the posture; mm, the farthest
@@ -13,11 +14,13 @@ searched  places that needed such a search; the others are between the surfaces
 by grid   how far a place is beyond the surfaces as they are drawn, linear between nodes; mm
 off       how far a point is from where forward statics, begun anew, holds the tip; mm
 bad       points off by more than 0.01 mm, not stable, or beyond the pressures
+filled    share of random places between the surfaces that inverse statics reaches
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -32,9 +35,10 @@ from softmpc.statics.workspace import find_workspace
 from softmpc.statics.workspace_check import check_workspace
 
 LOAD = TipLoad(force=(0.6, -0.4, 1.0))
+INSIDE = 200  # places between the surfaces
 HEAD = (
-    "arm", "s", "volume l", "± l", "points", "samples", "searched", "outside", "by grid", "off",
-    "bad",
+    "arm", "s", "cpu s", "volume l", "± l", "points", "samples", "searched", "outside", "by grid",
+    "off", "bad", "filled",
 )  # fmt: skip
 
 
@@ -63,28 +67,39 @@ def scenes() -> Iterator[tuple[str, Scene]]:
         yield f"{name}, load", Scene(arm, effects=(*default_effects(), LOAD))
 
 
+def cpu_seconds() -> float:
+    """Time that this process and those it waited for have computed."""
+    spent = os.times()
+    return spent.user + spent.children_user
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--samples", type=int, default=10_000)
     parser.add_argument("--azimuths", type=int, default=24)
     parser.add_argument("--polars", type=int, default=13)
+    parser.add_argument("--only", help="arms whose name contains this")
     parser.add_argument("--quick", action="store_true", help="a coarse grid and 500 samples")
     given = parser.parse_args()
     azimuths, polars, count = given.azimuths, given.polars, given.samples
     if given.quick:
         azimuths, polars, count = 8, 7, 500
-    widths = (22, 6, 9, 7, 7, 8, 9, 10, 8, 9, 4)
+    widths = (22, 6, 7, 9, 7, 7, 8, 9, 10, 8, 9, 4, 8)
     print("".join(f"{h:>{w}}" for h, w in zip(HEAD, widths, strict=True)))
     for name, scene in scenes():
+        if given.only and given.only not in name:
+            continue
         model = build(scene)
+        before = cpu_seconds()
         space = find_workspace(model, azimuths=azimuths, polars=polars)
-        found = check_workspace(model, space, count, seed=100)
+        took = cpu_seconds() - before
+        found = check_workspace(model, space, count, seed=100, inside=INSIDE)
         cells = (
-            name, f"{space.wall_s:.1f}", f"{1e3 * space.volume:.2f}",
+            name, f"{space.wall_s:.1f}", f"{took:.1f}", f"{1e3 * space.volume:.2f}",
             f"{1e3 * space.volume_error:.2f}", found.points, found.samples, found.searched,
             f"{1e3 * found.outside:.1e}", f"{1e3 * found.by_grid:.1f}", f"{1e3 * found.off:.1e}",
-            found.unreachable,
+            found.unreachable, f"{100 * found.filled:.1f} %",
         )  # fmt: skip
         print("".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)), flush=True)
 
