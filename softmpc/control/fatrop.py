@@ -233,7 +233,7 @@ class _Stages:
             "jac_stage", [v, given, y], [outputs[1], zero],
             ["v", "given", "y"], ["jac_y_v", "jac_y_given"], constant,
         )  # fmt: skip
-        options = {"custom_jacobian": slope, "jac_penalty": 0, "never_inline": True}
+        options: Any = {"custom_jacobian": slope, "jac_penalty": 0, "never_inline": True}
         return ca.Function("stage", [v, given], [outputs[0]], ["v", "given"], ["y"], options)
 
     def _terms(self, k: int) -> ca.Function:

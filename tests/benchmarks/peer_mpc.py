@@ -25,7 +25,7 @@ import numpy as np  # noqa: E402
 
 from tests.benchmarks.controllers import FULL, STEP, setting  # noqa: E402
 
-INTERVALS, STEPS, OURS = 20, 6, 40
+INTERVALS, STEPS, OURS = 20, 4, 40
 
 
 def peer(model: Any, t: Any, targets: Any) -> Any:
@@ -118,7 +118,8 @@ def compare(
     found = ours.solve(t.parameters(x, start.u, now[1:]), t.resting(x, start.u))
     cost = float(theirs.solver_stats["iterations"]["obj"][-1]) - first
     apart = abs(cost / found.cost - 1)
-    print(f"cost, strains off by {kick:g} of their scale: do-mpc {cost:.5g}, softmpc {found.cost:.5g}: {100 * apart:.2f} %"
+    print(f"cost, strains off by {kick:g} of their scale: "
+        f"do-mpc {cost:.5g}, softmpc {found.cost:.5g}: {100 * apart:.2f} %"
           + ("" if apart < 0.01 else "  more than 1 %"))  # fmt: skip
     theirs.reset_history()
     theirs.x0, theirs.u0 = start.x, start.u
