@@ -2,10 +2,10 @@
 
 Needs `pip install do-mpc`. Both follow the same circle with the same model (ours), costs, horizon,
 step and Radau collocation of two stages, from the same states. do-mpc solves to convergence by
-IPOPT with the exact Hessian, as it always does. First both solve from the same state, and their
-costs
-are compared: within 1 % near rest; further off they part, since collocation of two stages is not
-exact for the stiff hydraulics, which we discretise exactly. Then come step times in closed loop.
+IPOPT with the exact Hessian, as it always does. First both solve from two states
+beside rest, and their costs are compared. Near rest they agree to 1 %, further off they do not; why
+is open (do-mpc integrates the stiff hydraulics by collocation, we exactly, but more collocation
+points do not bring the two together). Then come step times in closed loop.
 """
 
 from __future__ import annotations
