@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import tempfile
+import threading
 
 import pytest
 
@@ -13,11 +15,19 @@ _made: list[str] = []
 
 def pytest_configure(config: pytest.Config) -> None:
     """Workers of pytest-xdist get the variables from the process that starts them."""
+    _hear_interrupts()
     if not hasattr(config, "workerinput"):
         _made.append(tempfile.mkdtemp(prefix="softmpc-tests-"))
         os.environ["SOFTMPC_CACHE"] = _made[0]
         # Models differ from test to test: compiling them would take longer than it saves.
         os.environ["SOFTMPC_COMPILE"] = "never"
+
+
+def _hear_interrupts() -> None:
+    """In the background of a script Ctrl-C is ignored, and what tests start inherits that."""
+    ignored = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    if ignored and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_unconfigure() -> None:

@@ -40,14 +40,14 @@ def test_without_these_limits_it_is_in_reach() -> None:
         ({"stroke_max": 0.01}, FAR, "P_1 = stroke_max"),
         ({"stretch_max": 0.4}, FAR, "epsilon_1_1 = stretch_max"),
         ({"curvature_max": 1.0}, SIDE, "curvature of segment 1 = curvature_max"),
-        ({"pressure_min": 0.2e6}, (0.0, 0.0, 0.55), "P_1 = pressure_min"),
+        ({"pressure_min": 0.2e6}, (0.0, 0.0, 0.55), "= pressure_min"),  # on the axis: any unit
     ],
 )
 def test_limits_are_kept_and_named(limit: dict[str, float], place, name: str) -> None:
     model = limited(**limit)
     found = InverseStatics(model).solve(Position(place))
     assert found.status == "unreachable" and found.distance > 1e-3
-    assert name in found.active
+    assert any(name in active for active in found.active)
     limits = model.scene.manipulator.limits
     assert np.all(found.pressures <= limits.pressure_max)
     assert np.all(found.pressures >= limits.pressure_min)
