@@ -166,7 +166,10 @@ def _outcome(future: Future[Outcome], chunk: Chunk) -> Outcome:
     except BrokenExecutor:
         raise
     except Exception as error:  # Dask's KilledWorker, a scheduler that is gone
-        raise SweepError(f"{chunk}: {type(error).__name__}: {error}") from error
+        name = type(error).__name__
+        # Dask counts a death against every task its worker had, those that only waited as well.
+        others = " (or cases that waited at the same worker)" if name == "KilledWorker" else ""
+        raise SweepError(f"{chunk}{others}: {name}: {error}") from error
 
 
 def finished_in_processes(
