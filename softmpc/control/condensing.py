@@ -112,8 +112,7 @@ class Condensing:
         self._still_H = self._still_by.T @ self._still_by
         self._rows = self._through(constant[:, split:], states, True)
         self._inputs_move = bool(self.terms.of_input[self._moving].any())
-        touched = np.arange(self.moves) % self.width < self.t.inputs  # slacks move no state
-        self._touched = np.flatnonzero(touched | self._inputs_move)
+        self._touched = self.width if self._inputs_move else self.t.inputs  # slacks move no state
 
     def _drive_states(self, linearisation: Linearisation) -> Array:
         """∂z⁺/∂v, constant (N × states of the drive × moves)."""
@@ -138,11 +137,11 @@ class Condensing:
         if len(end):
             u_before, u = self.blocks[-2:] if self.t.N > 1 else (None, self.blocks[-1])
             self._place(end[None], linear.E_end, [u_before], [u])
-        H = self._still_H.copy()
-        seen = every[:, self._touched]
-        H[np.ix_(self._touched, self._touched)] += seen.T @ seen
-        if len(end):
-            H += end.T @ end
+        H = self._still_H + end.T @ end if len(end) else self._still_H.copy()
+        used, shape = self._touched, (-1, self.moves // self.width, self.width)
+        seen = every.reshape(shape)[:, :, :used].reshape(len(every), -1)
+        part = H.reshape(*shape[1:], *shape[1:])[:, :used, :, :used]
+        part += (seen.T @ seen).reshape(part.shape)
         rows = self._rows
         if len(self._moving_rows):
             rows = rows.copy()
@@ -155,15 +154,16 @@ class Condensing:
         arm, width, count = self.arm, self.width, self.t.N
         states = np.empty((count, self.t.nx, self.moves))
         states[:, arm:] = self._drive
-        forced = np.zeros((count, arm, self.moves))
-        if self._drive.shape[1]:
-            forced[1:] = linear.A[1:, :arm, arm:] @ self._drive[:-1]
+        states[0, :arm] = 0.0
+        np.matmul(linear.A[1:, :arm, arm:], self._drive[:-1], out=states[1:, :arm])
+        before = 0  # later moves do not reach back
         for k, block in enumerate(self.blocks):
-            forced[k, :, block * width : (block + 1) * width] += linear.B[k, :arm]
-        states[0, :arm] = at = forced[0]
-        for k in range(1, count):
-            at = linear.A[k, :arm, :arm] @ at + forced[k]
-            states[k, :arm] = at
+            own = block * width
+            states[k, :arm, own : own + width] += linear.B[k, :arm]
+            if k:
+                reached = linear.A[k, :arm, :arm] @ states[k - 1, :arm, :before]
+                states[k, :arm, :before] += reached
+            before = own + width
         return states
 
     def _through(self, by: Array, states: Array, inputs: bool) -> Array:
