@@ -130,6 +130,8 @@ def _intervals(t: Transcription, parts: dict[str, ca.MX]) -> tuple[ca.MX, ca.MX]
         if k < t.N and t.intervals[k] is t.intervals[first]:
             continue
         columns = [parts[name][:, first:k] for name in ("x_before", "u", "a")]
+        if t.ocp.disturbance is not None:
+            columns.append(parts["given"][t.disturbance_columns, first:k])
         found, jacobians = t.intervals[first].function.map(k - first)(*columns)
         defects.append(found)
         nonzeros.append(_nonzeros(jacobians))

@@ -219,7 +219,8 @@ class _Stages:
         v = ca.MX.sym("v", t.nx + 2 * t.nu + t.na)
         given = ca.MX.sym("given", t.nr)
         x, before, u, a = ca.vertsplit(v, np.cumsum([0, t.nx, t.nu, t.nu, t.na]).tolist())
-        step, J = t.intervals[k].function(x, u, a)
+        d = [given[t.disturbance_columns]] if t.ocp.disturbance is not None else []
+        step, J = t.intervals[k].function(x, u, a, *d)
         wide = ca.horzcat(J[:, : t.nx], ca.DM(J.shape[0], t.nu), J[:, t.nx :])
         value, slopes = self._terms(k)(before, u, step[t.na :], given, float(t.ocp.ratios[k]))
         by_before, by_u, by_x = ca.horzsplit(slopes, [0, t.nu, 2 * t.nu, 2 * t.nu + t.nx])

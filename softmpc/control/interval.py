@@ -11,6 +11,7 @@ import numpy as np
 
 from softmpc.control.discretise import held_input
 from softmpc.control.step_form import StepForm
+from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model, sparse_times
 from softmpc.simulation.tableau import Tableau
 
@@ -34,6 +35,7 @@ class Interval:
     tableau: Tableau
     scales: Scales
     length: float
+    disturbance: Disturbance | None = None
 
     @cached_property
     def form(self) -> StepForm:
@@ -48,13 +50,21 @@ class Interval:
 
     @cached_property
     def function(self) -> ca.Function:
-        """(x, u, a) scaled -> defects (s·n residuals, then x⁺) and their Jacobian."""
+        """(x, u, a) scaled -> defects (s·n residuals, then x⁺) and their Jacobian in them.
+
+        With a disturbance d that is the fourth argument, and no column of the Jacobian.
+        """
         looped = self.model.residual_jacobian.is_a("MXFunction")  # a call on SX would unroll it
         kind: Any = ca.MX if looped else ca.SX
         x, u, a = (kind.sym(name, len(getattr(self.scales, name))) for name in "xua")
         inputs = len(self.model.layout.u)
         X, U, A = x * self.scales.x, (u * self.scales.u)[:inputs], a * self.scales.a
-        rows, jacobians = self._stage_rows(X, U, A)
+        d, force = [], 0.0
+        if self.disturbance is not None:
+            d = [kind.sym("d", len(self.disturbance))]
+            U = U + sparse_times(self.disturbance.G, d[0])
+            force = sparse_times(self.disturbance.F, d[0])
+        rows, jacobians = self._stage_rows(X, U, A, force)
         after = ca.vertcat(*self._end(X, U, A)) / self.scales.x
         J = ca.vertcat(*jacobians) @ ca.diag(ca.DM(self._columns(inputs)))
         slacks = ca.DM(J.shape[0], len(self.scales.u) - inputs)
@@ -62,7 +72,7 @@ class Interval:
         J = ca.horzcat(J[:, :split], slacks, J[:, split:])
         J = ca.vertcat(J, ca.jacobian(after, ca.vertcat(x, u, a)))
         outputs = [ca.vertcat(*rows, after), J if looped else ca.sparsify(J)]
-        return ca.Function("interval", [x, u, a], outputs, {"cse": True})
+        return ca.Function("interval", [x, u, a, *d], outputs, {"cse": True})
 
     def _columns(self, inputs: int) -> np.ndarray:
         return np.concatenate([self.scales.x, self.scales.u[:inputs], self.scales.a])
@@ -79,7 +89,7 @@ class Interval:
         p = self.model.pressures(sparse_times(phi, z) + sparse_times(gamma, U), U)
         return q_s, dq_s, a[s] if form.accelerates else 0 * a[s], p
 
-    def _stage_rows(self, X: Any, U: Any, A: Any) -> tuple[list[Any], list[Any]]:
+    def _stage_rows(self, X: Any, U: Any, A: Any, force: Any) -> tuple[list[Any], list[Any]]:
         """Scaled residuals of all stages, and their Jacobians in (X, U, A), SI columns."""
         model, form, scale = self.model, self.form, self.model.layout.r.scale
         stages = range(len(self.tableau.c))
@@ -95,7 +105,7 @@ class Interval:
             to_z = by_p @ ca.sparsify(ca.DM(drive.C @ phi))
             to_u = by_p @ ca.sparsify(ca.DM(drive.C @ gamma + drive.D))
             to_dq = by_q * form.of_rate[s] + by_dq * form.kept
-            rows.append(model.residual(*at) / scale)
+            rows.append((model.residual(*at) - force) / scale)
             J = ca.horzcat(by_q, to_dq, to_z, to_u, *to_a)
             jacobians.append(ca.diag(ca.DM(1 / scale)) @ J)
         return rows, jacobians

@@ -62,6 +62,20 @@ class Linearised:
     L: Array
     measured: Measured  # the trajectory itself
 
+    def free(self, dx: Array) -> Array:
+        """Change of the states without any move, for a first state that differs by dx (N×nx)."""
+        found, at = np.empty_like(self.gaps), dx
+        for k, (A, gap) in enumerate(zip(self.A, self.gaps, strict=True)):
+            found[k] = at = A @ at + gap
+        return found
+
+    def stages(self, dx: Array, x: Array, u: Array) -> Array:
+        """Step of the stage accelerations that goes with those of states and decisions (N×s·n)."""
+        before = np.concatenate([dx[None], x[:-1]])
+        return np.asarray(
+            self.a_0 - (self.by_x @ before[:, :, None] + self.by_u @ u[:, :, None])[..., 0]
+        )
+
 
 class Linearisation:
     """The functions of one transcription that a solver by linearisation calls."""
@@ -119,10 +133,18 @@ class Linearisation:
         names = ("of_rate", "to_strain", "kept", "to_rate", "accelerates")
         return {name: np.array([getattr(form, name) for form in forms], float) for name in names}
 
-    def _at_stages(self, before: Array, at: Trajectory) -> tuple[Array, ...]:
+    def _disturbed(self, moment: Moment) -> tuple[Array | float, Array | float]:
+        """Forces on the strains, scaled as residuals (N×n), and offsets of the inputs (N×k; SI)."""
+        disturbance = self.t.ocp.disturbance
+        if disturbance is None:
+            return 0.0, 0.0
+        d = moment.given[:, self.t.disturbance_columns]
+        return d @ (disturbance.F.T / self.t.model.layout.r.scale), d @ disturbance.G.T
+
+    def _at_stages(self, before: Array, at: Trajectory, offset: Array | float) -> tuple[Array, ...]:
         """q, dq, ddq (N×s×n), p (N×s×m) and z (N×s×h) at the stages, SI."""
         t, n, forms = self.t, self.t.n, self._forms
-        X, U = before * t.x_scale, (at.u * t.u_scale)[:, : t.inputs]
+        X, U = before * t.x_scale, (at.u * t.u_scale)[:, : t.inputs] + offset
         a = (at.a * t.a_scale).reshape(t.N, -1, n)
         rate = X[:, None, n : 2 * n]
         q = X[:, None, :n] + forms["of_rate"][:, :, None] * rate + forms["to_strain"] @ a
@@ -140,12 +162,21 @@ class Linearisation:
     def measure(self, moment: Moment, at: Trajectory) -> Measured:
         """Cost, defects and limit rows of a trajectory."""
         before, u_before = moment.before(at)
-        stages = self._at_stages(before, at)
+        force, offset = self._disturbed(moment)
+        stages = self._at_stages(before, at, offset)
         r = self._residuals(*_flat(stages))[0] / self.t.model.layout.r.scale
+        r = self._less(r, force)
         given = u_before, at.u, at.x, moment.given
         every = self.terms.values(*given)
         end = self.end_terms.values(*(value[-1:] for value in given))
         return self._measured(at, r, self._end(stages) - at.x, every, end)
+
+    def _less(self, r: Array, force: Array | float) -> Array:
+        """Residuals of all stages less the disturbance's force (N × s·n)."""
+        t = self.t
+        if isinstance(force, float):
+            return r.reshape(t.N, -1)
+        return (r.reshape(t.N, -1, t.n) - force[:, None]).reshape(t.N, -1)
 
     def _measured(
         self, at: Trajectory, r: Array, gaps: Array, every: Array, end: Array
@@ -153,16 +184,17 @@ class Linearisation:
         e = every[:, : self.residuals]
         price = float(np.sum(at.u @ self.t.objective.price))
         cost = 0.5 * (float(np.vdot(e, e)) + float(np.vdot(end, end))) + price
-        defects = np.concatenate([r.reshape(self.t.N, -1), gaps], axis=1)
+        defects = np.concatenate([r, gaps], axis=1)
         return Measured(cost, defects, every[:, self.residuals :])
 
     def __call__(self, moment: Moment, at: Trajectory) -> Linearised:
         """The problem around a trajectory. Raises `numpy.linalg.LinAlgError` where it has none."""
         t, split = self.t, self.residuals
         before, u_before = moment.before(at)
-        stages = self._at_stages(before, at)
+        force, offset = self._disturbed(moment)
+        stages = self._at_stages(before, at, offset)
         found = self._stages(*_flat(stages))
-        r = found[0].reshape(t.N, -1)
+        r = self._less(found[0], force)
         shape = t.N, len(t.tableau.c), -1, t.n
         rows = self._slopes(*(J.reshape(shape).swapaxes(2, 3) for J in found[1:]))
         known, arm, ends = t.nx + t.nu, 2 * t.n, self._end_slopes

@@ -129,7 +129,7 @@ class Mpc:
         self._asked = None
         if not (asked.finite and np.all(np.isfinite(x))):
             return self._stepped(began, asked, INPUT_NOT_FINITE)
-        w, multipliers = self._guess(x, asked.u_before)
+        w, multipliers = self._guess(x, asked)
         solution, why = self._attempt(x, asked, w, multipliers, began)
         late = self.budget is not None and asked.seconds + _since(began) > self.budget
         status = self._status(solution, why, late)
@@ -169,28 +169,29 @@ class Mpc:
         if not (self._splits and isinstance(solver, RealTime)):
             return False, ""
         try:
-            solver.prepare(self._moment(plan.state, asked), self._consistent(plan, plan.state))
+            at = self._consistent(plan, plan.state, asked)
+            solver.prepare(self._moment(plan.state, asked), at)
         except Exception as error:  # a failure of the step, whatever it is
             return False, _reason(error)
         return True, ""
 
-    def _guess(self, x: Array, u: Array) -> tuple[Array, Solution | None]:
+    def _guess(self, x: Array, asked: _Asked) -> tuple[Array, Solution | None]:
         """Where to start: the last good plan, shifted; the arm at rest where there is none."""
         plan = self._plan
         if plan is None or self._starts_afresh:
             self._reset_solver()
-            resting = self.transcription.resting(x, self.guard.inside(u))
-            found = self._rollout(x / self.transcription.x_scale, resting)
+            resting = self.transcription.resting(x, self.guard.inside(asked.u_before))
+            found = self._rollout(x / self.transcription.x_scale, resting, asked.given)
             return resting if found is None else found, None
         if plan.solution.violation > CONSISTENT:
-            return self._consistent(plan, x), None
+            return self._consistent(plan, x, asked), None
         return plan.shifted, plan.multipliers
 
-    def _consistent(self, plan: Plan, x: Array) -> Array:
+    def _consistent(self, plan: Plan, x: Array, asked: _Asked) -> Array:
         """The plan from this step on; simulated anew from x where it breaks the arm's equations."""
         if not plan.solution.violation > CONSISTENT:
             return plan.shifted
-        found = self._rollout(x / self.transcription.x_scale, plan.shifted)
+        found = self._rollout(x / self.transcription.x_scale, plan.shifted, asked.given)
         return plan.shifted if found is None else found
 
     def _reset_solver(self) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from softmpc.control.limits import Limit, Rows
 from softmpc.control.ocp import Ocp
-from softmpc.control.stage import Stage
+from softmpc.control.stage import DISTURBANCE, Stage
 from softmpc.errors import InputError
 
 __all__ = ["Objective", "Row"]
@@ -68,7 +68,7 @@ class Objective:
 
     @cached_property
     def _stage(self) -> Stage:
-        return Stage.of(self.ocp.model)
+        return Stage.of(self.ocp.model, self.ocp.disturbance)
 
     @cached_property
     def _scaled(self) -> list[ca.SX]:
@@ -87,6 +87,8 @@ class Objective:
         """Residuals of every interval and of the end, and the rows of the limits; SI."""
         lasting = ca.sqrt(self._ratio)
         every, end = [], []
+        if self.ocp.disturbance is not None:
+            self._stage.given(DISTURBANCE, len(self.ocp.disturbance))
         for cost in self.ocp.costs:
             e = cost.residual(self._stage)
             if cost.at_end:

@@ -13,6 +13,7 @@ import numpy as np
 from softmpc.control.costs import Cost, StrainRate, TipPosition, Torque, TorqueRate
 from softmpc.control.limits import Limit, PressureLimit, TorqueLimit
 from softmpc.errors import InputError
+from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
 
 __all__ = ["PRESSURE_EXCESS", "Ocp", "tracking_problem"]
@@ -27,7 +28,8 @@ class Ocp:
 
     The first interval lasts `step` seconds, as long as the controller holds an input; `grid` says
     how many steps each interval lasts, one each without it. A cost of what lasts counts by the
-    length of its interval.
+    length of its interval. With a `disturbance` the model carries one, given anew in each solve as
+    the reference "disturbance" (scaled).
     """
 
     model: Model
@@ -36,6 +38,7 @@ class Ocp:
     costs: tuple[Cost, ...]
     limits: tuple[Limit, ...]
     grid: tuple[float, ...] = field(default=(), kw_only=True)
+    disturbance: Disturbance | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if self.intervals < 1:

@@ -1,20 +1,25 @@
 """Simulate the inputs of a plan: a trajectory that breaks none of the model's equations.
 
 Iterations that jump far leave stage equations behind that a later iteration may never mend. From a
-state and inputs a trajectory can always be made anew, interval by interval, with Newton's method.
+state and inputs a trajectory can always be made anew with Newton's method: on all intervals at once
+where the solver has fast functions for that and the trajectory is near enough, else one by one.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from softmpc.control.interval import Interval
-from softmpc.control.trajectory import Trajectory
+from softmpc.control.linearisation import Linearisation
+from softmpc.control.trajectory import Moment, Trajectory
 from softmpc.control.transcription import Transcription
 
 __all__ = ["Rollout"]
 
 TOLERANCE = 1e-7  # of the scaled residual
+AT_ONCE = 1e-3  # the same, of all intervals at once: the next linearisation takes the rest
 MOST = 12  # Newton iterations of an interval
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the first that makes the residual smaller
 
@@ -24,16 +29,20 @@ Array = np.ndarray
 class Rollout:
     """Simulates one transcription, by the steps it is made of."""
 
-    def __init__(self, transcription: Transcription) -> None:
+    def __init__(
+        self, transcription: Transcription, linearisation: Linearisation | None = None
+    ) -> None:
         self.t = t = transcription
+        self.linearisation = linearisation
         stages = len(t.tableau.c)
         self._residual = t.model.residual.map(stages)
         self._slopes = t.model.residual_jacobian.map(stages)
         self._r_scale = np.tile(t.model.layout.r.scale, stages)
 
-    def __call__(self, x: Array, w: Array) -> Array | None:
+    def __call__(self, x: Array, w: Array, given: Array) -> Array | None:
         """Variables (N·nw) from the scaled state x under the inputs in w; None where none is found.
 
+        `given` holds the references (N×nr), for a disturbance may be among them.
         Newton's method begins at the accelerations of w, and where that does not lead to a solution
         at those of the interval before, and at none.
         """
@@ -42,8 +51,9 @@ class Rollout:
         u = np.clip(at.u, *(bound[: t.nu] for bound in t.variable_bounds()))
         a, states, before, last = np.empty_like(at.a), np.empty_like(at.x), x, np.zeros(t.na)
         for k, interval in enumerate(t.intervals):
+            disturbed = self._disturbed(given[k])
             for guess in (at.a[k], last, np.zeros(t.na)):
-                found = self._step(interval, before, u[k], guess)
+                found = self._step(interval, before, u[k], guess, *disturbed)
                 if found is not None:
                     break
             if found is None:
@@ -52,12 +62,29 @@ class Rollout:
             before, last = states[k], a[k]
         return Trajectory(u, a, states).w
 
-    def _step(self, interval: Interval, x: Array, u: Array, a: Array) -> tuple[Array, Array] | None:
+    def _disturbed(self, given: Array) -> tuple[Array | float, Array | float]:
+        """Force on the strains (scaled as residuals, n) and offset of the input (k; SI)."""
+        disturbance = self.t.ocp.disturbance
+        if disturbance is None:
+            return 0.0, 0.0
+        d = given[self.t.disturbance_columns]
+        force = disturbance.F @ d / self.t.model.layout.r.scale
+        return np.tile(force, len(self.t.tableau.c)), disturbance.G @ d
+
+    def _step(
+        self,
+        interval: Interval,
+        x: Array,
+        u: Array,
+        a: Array,
+        force: Array | float,
+        offset: Array | float,
+    ) -> tuple[Array, Array] | None:
         """Unknowns and state at the end of one interval, scaled."""
-        X, U = x * self.t.x_scale, (u * self.t.u_scale)[: self.t.inputs]
+        X, U = x * self.t.x_scale, (u * self.t.u_scale)[: self.t.inputs] + offset
         drive = self._drive(interval, X[2 * self.t.n :], U)
         at = self._at(interval, X, a)
-        r = self._rows(at, drive[0])
+        r = self._rows(at, drive[0]) - force
         for _ in range(MOST):
             if not np.all(np.isfinite(r)):
                 return None
@@ -71,7 +98,7 @@ class Rollout:
             for share in SHARES:
                 there = a - share * step
                 at = self._at(interval, X, there)
-                after = self._rows(at, drive[0])
+                after = self._rows(at, drive[0]) - force
                 if np.abs(after).max() < np.abs(r).max():
                     break
             else:

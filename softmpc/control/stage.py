@@ -7,9 +7,12 @@ from functools import cached_property
 
 import casadi as ca
 
-from softmpc.model.model import Model
+from softmpc.model.disturbance import Disturbance
+from softmpc.model.model import Model, sparse_times
 
-__all__ = ["Stage"]
+__all__ = ["DISTURBANCE", "Stage"]
+
+DISTURBANCE = "disturbance"  # the reference by which a solve is told of it
 
 
 @dataclass(frozen=True)
@@ -24,10 +27,11 @@ class Stage:
     x: ca.SX
     u: ca.SX
     u_before: ca.SX
+    disturbance: Disturbance | None = None
     references: dict[str, ca.SX] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, model: Model) -> Stage:
+    def of(cls, model: Model, disturbance: Disturbance | None = None) -> Stage:
         layout = model.layout
         inputs = len(layout.u)
         return cls(
@@ -35,6 +39,7 @@ class Stage:
             ca.SX.sym("x", len(layout.x)),
             ca.SX.sym("u", inputs),
             ca.SX.sym("u_before", inputs),
+            disturbance,
         )
 
     def given(self, name: str, size: int) -> ca.SX:
@@ -68,4 +73,12 @@ class Stage:
     @cached_property
     def pressures(self) -> ca.SX:
         """Unit pressures at the end of the interval (Pa)."""
-        return self.model.pressures(self.z, self.u)
+        return self.model.pressures(self.z, self.given_to_drive)
+
+    @property
+    def given_to_drive(self) -> ca.SX:
+        """The input with its unknown offset."""
+        if self.disturbance is None or not self.disturbance.G.any():
+            return self.u
+        d = self.given(DISTURBANCE, len(self.disturbance))
+        return self.u + sparse_times(self.disturbance.G, d)

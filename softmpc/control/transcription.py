@@ -28,12 +28,13 @@ from numpy.typing import ArrayLike
 from softmpc.control.interval import Interval, Scales
 from softmpc.control.objective import Objective
 from softmpc.control.ocp import Ocp
+from softmpc.control.stage import DISTURBANCE
 from softmpc.control.step_form import StepForm
 from softmpc.errors import BuildError, InputError
 from softmpc.model.model import Model
 from softmpc.simulation.tableau import Tableau, radau_iia
 
-__all__ = ["NonlinearProgram", "Transcription"]
+__all__ = ["NonlinearProgram", "Transcription", "require_linear_drive"]
 
 References = Mapping[str, ArrayLike] | ArrayLike
 
@@ -59,7 +60,7 @@ class Transcription:
     def __init__(self, ocp: Ocp, stages: int = 2) -> None:
         self.ocp = ocp
         self.model = ocp.model
-        _require_linear_drive(self.model)
+        require_linear_drive(self.model)
         self.tableau: Tableau = radau_iia(stages)
         self.objective = Objective(ocp)
         layout = self.model.layout
@@ -94,6 +95,16 @@ class Transcription:
         """p from the state now, the input before and the references at the nodes."""
         before, references = self.decisions(u_before), self.references(given)
         return np.concatenate([x / self.x_scale, before, references.ravel()])
+
+    @cached_property
+    def disturbance_columns(self) -> slice:
+        """Where the references hold the disturbance; an empty slice without one."""
+        first = 0
+        for name, size in self.objective.references.items():
+            if name == DISTURBANCE:
+                return slice(first, first + size)
+            first += size
+        return slice(0, 0)
 
     def decisions(self, u: np.ndarray) -> np.ndarray:
         """Scaled decisions of an interval (nu) from its input (SI, k): without slack."""
@@ -137,7 +148,9 @@ class Transcription:
         """The intervals (N); those of one length are one object."""
         scales = Scales(self.x_scale, self.u_scale, self.a_scale)
         kinds = {
-            ratio: Interval(self.model, self.tableau, scales, ratio * self.ocp.step)
+            ratio: Interval(
+                self.model, self.tableau, scales, ratio * self.ocp.step, self.ocp.disturbance
+            )
             for ratio in set(self.ocp.ratios.tolist())
         }
         return tuple(kinds[ratio] for ratio in self.ocp.ratios.tolist())
@@ -186,7 +199,7 @@ class Transcription:
         return [*residuals, *nodes, *(row.name for row in self.objective.rows)]
 
 
-def _require_linear_drive(model: Model) -> None:
+def require_linear_drive(model: Model) -> None:
     if not model.drive_is_linear:
         raise BuildError(
             f"this problem carries the drive {model.scene.actuation.name!r} exactly over each "

@@ -1,0 +1,40 @@
+"""What can be said of a reading by itself, before any model: finite, of the right size, alive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from softmpc.estimation.sensing import Sample
+from softmpc.estimation.sensors import Reading, Sensor
+
+__all__ = ["Plausibility"]
+
+FROZEN_AFTER = 3  # equal readings in a row, of a sensor with noise
+
+
+class Plausibility:
+    """Looks at the readings of all sensors in the order in which they arrive."""
+
+    def __init__(self, sensors: Sequence[Sensor], readings: Sequence[Reading]) -> None:
+        self._noisy = [sensor.noise > 0 for sensor in sensors]
+        self._sizes = [len(reading.names) for reading in readings]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the readings before."""
+        self._last: list[np.ndarray | None] = [None] * len(self._sizes)
+        self._equal = [1] * len(self._sizes)
+
+    def fault(self, sample: Sample) -> str:
+        """Why a reading cannot be used; empty where it can."""
+        i, value = sample.sensor, np.asarray(sample.value, float).ravel()
+        if len(value) != self._sizes[i]:
+            return "wrong size"
+        if not np.all(np.isfinite(value)):
+            return "not finite"
+        last = self._last[i]
+        same = last is not None and bool(np.array_equal(value, last))
+        self._last[i], self._equal[i] = value, self._equal[i] + 1 if same else 1
+        return "frozen" if self._noisy[i] and self._equal[i] >= FROZEN_AFTER else ""
