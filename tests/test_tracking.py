@@ -72,6 +72,25 @@ def test_errors_are_sampled_every_millisecond_without_alignment(short: TrackResu
     assert short.error == pytest.approx(np.linalg.norm(short.tips[:, -1] - short.reference, axis=1))
 
 
+def test_deviations_are_those_of_the_run(short: TrackResult) -> None:
+    """Against the samples and inputs of the record, with the table's own deviations."""
+    ends = slice(25, None, 25)  # of the steps
+    torque = 2.5  # N·m, the scale
+    moves = np.diff(np.vstack([short.u_start, short.u]), axis=0)
+    model = build(Scene(chen2022()))
+    rows = {
+        "tip": (short.tip - short.reference)[ends] / 1e-3,
+        "torque": short.u / torque / 3,
+        "torque rate": moves / torque / 0.1,
+        "strain rate": short.dq[ends] / model.layout.dq.scale / 0.3,
+    }
+    squares = {name: (row**2).sum(axis=1) for name, row in rows.items()}
+    rms = {name: np.sqrt(each.mean()) for name, each in squares.items()}
+    assert short.deviations == pytest.approx(rms, rel=1e-9)
+    assert short.cost == pytest.approx(sum(each.sum() for each in squares.values()) / 2)
+    assert short.summary()["deviations"] == short.deviations
+
+
 def test_files_hold_the_run(short: TrackResult, tmp_path) -> None:
     short.save(tmp_path)
     again = TrackResult.load(tmp_path / "track.npz")

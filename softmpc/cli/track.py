@@ -161,5 +161,7 @@ def _text(data: dict[str, Any]) -> str:
         if data.get(key) is not None
     ]
     rows.append(("steps", f"{data['steps']}, {data['failures']} failed"))
+    used = (f"{name} {share:.2g}" for name, share in data.get("deviations", {}).items())
+    rows.append(("RMS over what costs ½", ", ".join(used) or "not known"))
     infeasible = [f"infeasible: {line}" for line in data.get("infeasible", [])]
     return "\n".join([data["title"], table(rows), *infeasible])

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from softmpc.control.guide import Guide
-from softmpc.control.loop_cost import loop_cost
+from softmpc.control.loop_cost import loop_costs
 from softmpc.control.ocp import Ocp
 from softmpc.control.paths import Reference
 from softmpc.control.rest_path import IN_REACH
@@ -101,7 +101,7 @@ def close_loop(
     times = step, step / samples, settle
     result = _result(plant.model, guide, np.vstack(states), steps, start.u, times, status)
     ends = np.vstack(states)[samples::samples][: len(steps)]
-    return replace(result, cost=loop_cost(controller.ocp, plant.model, guide, ends, result))
+    return replace(result, costs=loop_costs(controller.ocp, plant.model, guide, ends, result))
 
 
 def _steps(duration: float, step: float) -> int:

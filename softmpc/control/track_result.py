@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,7 @@ class TrackResult:
     budget_ms: float | None = None  # what a step may take
     rate_limit: float | None = None  # of the inputs, a second
     findings: tuple[str, ...] = ()  # what of the path is infeasible, a line each
-    cost: float | None = None  # of the closed loop, in the controller's costs
+    costs: dict[str, float] = field(default_factory=dict)  # the controller's, of the closed loop
 
     @property
     def tip(self) -> np.ndarray:
@@ -95,6 +95,17 @@ class TrackResult:
         return sum(status != "solved" for status in self.statuses)
 
     @property
+    def cost(self) -> float | None:
+        """All the controller's costs of the closed loop; None where they are not known."""
+        return sum(self.costs.values()) if self.costs else None
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """RMS over the steps of what each cost weighs, over the deviation that costs ½."""
+        steps = max(len(self.u), 1)
+        return {name: float(np.sqrt(2 * cost / steps)) for name, cost in self.costs.items()}
+
+    @property
     def variation(self) -> float:
         """Total variation of all inputs, from the one before the run on."""
         first = self.u[:1] if self.u_start is None else self.u_start[None]
@@ -127,6 +138,7 @@ class TrackResult:
             "controller": self.controller,
             "budget_ms": self.budget_ms,
             "cost": self.cost,
+            "deviations": self.deviations,
             "input_variation": self.variation if len(took) else None,
             "input_variation_at_rest": self.rest_variation,
             **self._of_reach(),
@@ -158,7 +170,7 @@ class TrackResult:
 
     def _content(self) -> dict[str, Any]:
         about = {"schema": RESULT_SCHEMA, "title": self.title, "status": self.status}
-        about |= {name: getattr(self, name) for name in (*ABOUT, "findings", "cost")}
+        about |= {name: getattr(self, name) for name in (*ABOUT, "findings", "costs")}
         arrays = {name: getattr(self, name) for name in ARRAYS + NEW_ARRAYS}
         given = {name: array for name, array in arrays.items() if array is not None}
         return {"about": json.dumps(about), **given}
