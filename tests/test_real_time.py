@@ -121,7 +121,7 @@ def test_condensed_cost_is_the_cost_of_the_linearised_trajectory(model: Model) -
         condensed = Condensing(linearisation, blocks)(linear)
         rng = np.random.default_rng(1)
         v, dx = rng.normal(size=condensed.H.shape[0]), rng.normal(size=t.nx)
-        free = condensed.free(dx)
+        free = condensed.linear.free(dx)
         step = condensed.expand(v, dx, free)
         du_before, before, e = np.zeros(t.nu), dx, []
         for k in range(t.N):

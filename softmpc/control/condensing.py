@@ -47,13 +47,6 @@ class Condensed:
     rows: Array  # ∂(limit rows)/∂v (N×rows×moves)
     H: Array
 
-    def free(self, dx: Array) -> Array:
-        """Change of the states without any move, for a first state that differs by dx (N×nx)."""
-        found, at = np.empty_like(self.linear.gaps), dx
-        for k, (A, gap) in enumerate(zip(self.linear.A, self.linear.gaps, strict=True)):
-            found[k] = at = A @ at + gap
-        return found
-
     def residuals_without(self, free: Array) -> tuple[Array, Array]:
         """The residuals of the intervals (N×…) and of the end (1×…) without any move."""
         linear, first = self.linear, 2 * self.linear.B.shape[2]
@@ -85,12 +78,9 @@ class Condensed:
 
     def expand(self, moves: Array, dx: Array, free: Array) -> Trajectory:
         """The step of the whole trajectory that goes with the moves."""
-        linear, width = self.linear, self.linear.B.shape[2]
-        du = moves.reshape(-1, width)[self.blocks]
+        du = moves.reshape(-1, self.linear.B.shape[2])[self.blocks]
         x = free + self.states @ moves
-        before = np.concatenate([dx[None], x[:-1]])
-        a = linear.a_0 - (linear.by_x @ before[:, :, None] + linear.by_u @ du[:, :, None])[..., 0]
-        return Trajectory(du, a, x)
+        return Trajectory(du, self.linear.stages(dx, x, du), x)
 
 
 class Condensing:

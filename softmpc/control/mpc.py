@@ -20,9 +20,8 @@ import numpy as np
 from softmpc.control.input_guard import InputGuard
 from softmpc.control.ipopt import Ipopt
 from softmpc.control.plan import Plan
-from softmpc.control.real_time import RealTime
 from softmpc.control.rollout import Rollout
-from softmpc.control.solver import Solution, Solver
+from softmpc.control.solver import Solution, Solver, split
 from softmpc.control.step import (
     BUDGET_OVERRUN,
     FAILED,
@@ -83,7 +82,10 @@ class Mpc:
         self.solver: Solver = solver or Ipopt(transcription)
         self.budget, self.restart_after = budget, restart_after
         self.guard = InputGuard(self.ocp)
-        self._violations, self._rollout = Violations(transcription), Rollout(transcription)
+        self._split = split(self.solver)
+        self._violations = Violations(transcription)
+        fast = None if self._split is None else self._split.linearisation
+        self._rollout = Rollout(transcription, fast)
         self.reset()
 
     def reset(self) -> None:
@@ -149,11 +151,6 @@ class Mpc:
     # --- the solver ------------------------------------------------------------------------------
 
     @property
-    def _splits(self) -> bool:
-        """Whether the solver can do most of its work before the sample."""
-        return isinstance(self.solver, RealTime) and self.solver.iterations == 1
-
-    @property
     def _starts_afresh(self) -> bool:
         return self._failures >= self.restart_after or self._plan is None or self._plan.over
 
@@ -163,36 +160,35 @@ class Mpc:
 
     def _prepare_solver(self, asked: _Asked) -> tuple[bool, str]:
         """Linearise along the plan from where it expects the arm; what went wrong, if anything."""
-        plan, solver = self._plan, self.solver
-        if not asked.finite or plan is None or self._starts_afresh:
+        plan, solver = self._plan, self._split
+        if not asked.finite or solver is None or plan is None or self._starts_afresh:
             return False, ""
-        if not (self._splits and isinstance(solver, RealTime)):
-            return False, ""
+        moment = self._moment(plan.state, asked)
         try:
-            at = self._consistent(plan, plan.state, asked)
-            solver.prepare(self._moment(plan.state, asked), at)
+            solver.prepare(moment, self._consistent(plan, moment))
         except Exception as error:  # a failure of the step, whatever it is
             return False, _reason(error)
         return True, ""
 
     def _guess(self, x: Array, asked: _Asked) -> tuple[Array, Solution | None]:
         """Where to start: the last good plan, shifted; the arm at rest where there is none."""
-        plan = self._plan
+        plan, moment = self._plan, self._moment(x, asked)
         if plan is None or self._starts_afresh:
             self._reset_solver()
             resting = self.transcription.resting(x, self.guard.inside(asked.u_before))
-            found = self._rollout(x / self.transcription.x_scale, resting, asked.given)
-            return resting if found is None else found, None
-        if plan.solution.violation > CONSISTENT:
-            return self._consistent(plan, x, asked), None
-        return plan.shifted, plan.multipliers
+            return self._simulated(moment, resting), None
+        if asked.prepared or plan.solution.violation <= CONSISTENT:
+            return plan.shifted, plan.multipliers
+        return self._consistent(plan, moment), None
 
-    def _consistent(self, plan: Plan, x: Array, asked: _Asked) -> Array:
-        """The plan from this step on; simulated anew from x where it breaks the arm's equations."""
-        if not plan.solution.violation > CONSISTENT:
-            return plan.shifted
-        found = self._rollout(x / self.transcription.x_scale, plan.shifted, asked.given)
-        return plan.shifted if found is None else found
+    def _consistent(self, plan: Plan, moment: Moment) -> Array:
+        """The plan from this step on; simulated anew where it breaks the arm's equations."""
+        broken = plan.solution.violation > CONSISTENT
+        return self._simulated(moment, plan.shifted) if broken else plan.shifted
+
+    def _simulated(self, moment: Moment, w: Array) -> Array:
+        found = self._rollout(moment, w)
+        return w if found is None else found
 
     def _reset_solver(self) -> None:
         reset = getattr(self.solver, "reset", None)
@@ -205,18 +201,16 @@ class Mpc:
         """What the solver found, or why there is nothing."""
         if asked.error:
             return None, asked.error
-        moment, solver = self._moment(x, asked), self.solver
+        moment, left = self._moment(x, asked), self._time_left(asked, began)
         try:
-            if self._splits and isinstance(solver, RealTime):
+            if self._split is not None:
                 if not asked.prepared:
-                    solver.prepare(moment, w)
-                found = solver.feedback(moment.x, self._time_left(asked, began))
+                    self._split.prepare(moment, w)
+                found = self._split.feedback(moment.x, left)
             else:
                 given = np.concatenate([moment.x, moment.u_before, moment.given.ravel()])
-                limit = {}
-                if isinstance(solver, RealTime):
-                    limit["time_limit"] = self._time_left(asked, began)
-                found = solver.solve(given, w, multipliers, **limit)
+                limit = {"time_limit": left} if getattr(self.solver, "timed", False) else {}
+                found = self.solver.solve(given, w, multipliers, **limit)
         except Exception as error:  # a solver must not stop the control of an arm
             return None, _reason(error)
         return found, "" if found.solved else found.status

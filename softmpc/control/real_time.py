@@ -50,6 +50,8 @@ class RealTime:
     share each move, such as (1, 1, 2, 4, 12); without it each has its own.
     """
 
+    timed = True  # see `Solver`
+
     def __init__(
         self,
         transcription: Transcription,
@@ -73,6 +75,11 @@ class RealTime:
         self._prices = np.outer(np.diff([*self._starts, t.N]), t.objective.price).ravel()
         self._names = t.variable_names(), t.row_names()
         self.reset()
+
+    @property
+    def splits(self) -> bool:
+        """Whether a call is one iteration, which `prepare` and `feedback` do in two parts."""
+        return self.iterations == 1
 
     def reset(self) -> None:
         """Forget what earlier calls left: what was prepared, and the active set."""
@@ -108,7 +115,7 @@ class RealTime:
             raise InputError("RealTime.feedback: call `prepare` before each `feedback`")
         self._prepared = None
         dx = x - ready.moment.x
-        free = ready.condensed.free(dx)
+        free = ready.condensed.linear.free(dx)
         program = self._program(ready, free)
         found = self.qp.solve(program, time_limit, self._active)
         self._active = found.multipliers if found.solved else None  # never that of a failure

@@ -19,7 +19,7 @@ from softmpc.control.transcription import Transcription
 __all__ = ["Rollout"]
 
 TOLERANCE = 1e-7  # of the scaled residual
-AT_ONCE = 1e-3  # the same, of all intervals at once: the next linearisation takes the rest
+AT_ONCE = 1e-2  # the same, of all intervals at once: the next linearisation takes the rest
 MOST = 12  # Newton iterations of an interval
 SHARES = (1.0, 0.5, 0.25, 0.1)  # of a Newton step: the first that makes the residual smaller
 
@@ -39,19 +39,43 @@ class Rollout:
         self._slopes = t.model.residual_jacobian.map(stages)
         self._r_scale = np.tile(t.model.layout.r.scale, stages)
 
-    def __call__(self, x: Array, w: Array, given: Array) -> Array | None:
-        """Variables (N·nw) from the scaled state x under the inputs in w; None where none is found.
+    def __call__(self, moment: Moment, w: Array) -> Array | None:
+        """Variables (N·nw) from the moment's state under the inputs in w; None where none are."""
+        at = Trajectory.of(self.t, w)
+        bounds = (bound[: self.t.nu] for bound in self.t.variable_bounds())
+        at = replace(at, u=np.clip(at.u, *bounds))
+        found = self._at_once(moment, at)
+        return self._one_by_one(moment, at) if found is None else found
 
-        `given` holds the references (N×nr), for a disturbance may be among them.
-        Newton's method begins at the accelerations of w, and where that does not lead to a solution
-        at those of the interval before, and at none.
+    def _at_once(self, moment: Moment, at: Trajectory) -> Array | None:
+        """Newton's method on all intervals, as long as each step makes the defects smaller."""
+        linearisation, worst = self.linearisation, np.inf
+        if linearisation is None:
+            return None
+        still = np.zeros_like(moment.x), np.zeros_like(at.u)
+        for _ in range(MOST):
+            linear = linearisation(moment, at)
+            dx = linear.free(still[0])
+            at = Trajectory(at.u, at.a + linear.stages(still[0], dx, still[1]), at.x + dx)
+            defect = float(np.abs(linearisation.measure(moment, at).defects).max())
+            if defect <= AT_ONCE:
+                return at.w
+            if not defect < worst:
+                return None
+            worst = defect
+        return None
+
+    def _one_by_one(self, moment: Moment, at: Trajectory) -> Array | None:
+        """Newton's method on each interval in turn.
+
+        It begins at the given accelerations, and where that does not lead to a solution at those of
+        the interval before, and at none.
         """
-        t = self.t
-        at = Trajectory.of(t, w)
-        u = np.clip(at.u, *(bound[: t.nu] for bound in t.variable_bounds()))
-        a, states, before, last = np.empty_like(at.a), np.empty_like(at.x), x, np.zeros(t.na)
+        t, u = self.t, at.u
+        a, states = np.empty_like(at.a), np.empty_like(at.x)
+        before, last = moment.x, np.zeros(t.na)
         for k, interval in enumerate(t.intervals):
-            disturbed = self._disturbed(given[k])
+            disturbed = self._disturbed(moment.given[k])
             for guess in (at.a[k], last, np.zeros(t.na)):
                 found = self._step(interval, before, u[k], guess, *disturbed)
                 if found is not None:

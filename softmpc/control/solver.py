@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
 from softmpc.control.transcription import NonlinearProgram, Transcription
 
-__all__ = ["NO_MULTIPLIERS", "Solution", "Solver", "worst_violation"]
+if TYPE_CHECKING:
+    from softmpc.control.linearisation import Linearisation
+    from softmpc.control.trajectory import Moment
+
+__all__ = ["NO_MULTIPLIERS", "Solution", "Solver", "Split", "split", "worst_violation"]
 
 NO_MULTIPLIERS = np.zeros(0)
 
@@ -34,7 +38,10 @@ class Solution:
 
 
 class Solver(Protocol):
-    """Solves the program of one transcription again and again."""
+    """Solves the program of one transcription again and again.
+
+    Where it has an attribute `timed` that is true `solve` takes a `time_limit` (s) too.
+    """
 
     transcription: Transcription
 
@@ -42,6 +49,24 @@ class Solver(Protocol):
         self, parameters: np.ndarray, guess: np.ndarray, multipliers: Solution | None = None
     ) -> Solution:
         """Solve from `guess`; `multipliers` of a solved neighbour make it a warm start."""
+
+
+class Split(Solver, Protocol):
+    """A solver that can do most of its work before the state is known, where `splits` is true."""
+
+    linearisation: Linearisation
+    splits: bool
+
+    def prepare(self, moment: Moment, w: np.ndarray) -> None:
+        """All that needs no measurement, around the variables `w`; `moment.x` is expected."""
+
+    def feedback(self, x: np.ndarray, time_limit: float | None = None) -> Solution:
+        """The rest, for the scaled state x as measured."""
+
+
+def split(solver: Solver) -> Split | None:
+    """The solver, where it splits its work."""
+    return cast(Split, solver) if getattr(solver, "splits", False) else None
 
 
 def worst_violation(program: NonlinearProgram, w: np.ndarray, g: np.ndarray) -> tuple[float, str]:
