@@ -25,7 +25,7 @@ from softmpc.model.tables import Table
 
 __all__ = ["ControllerSettings", "read_controller"]
 
-TERMINALS = ("none", "rest")
+TERMINALS = ("auto", "none", "rest")
 SOFTENED = ("pressure", "strain", "tip_box")
 TIP_EXCESS = 1e-3  # of the arm's length, whose square costs ½
 STRAIN_EXCESS = 1e-3  # of a strain's scale
@@ -45,7 +45,7 @@ class ControllerSettings:
     grid: tuple[float, ...] = ()
     blocks: tuple[int, ...] | None = None
     budget: float | None = None  # s
-    terminal: str = "none"
+    terminal: str = "auto"  # "rest" where the path is left for the nearest places and these jump
     hessian: str = "gauss-newton"
     tolerance: float = 1e-6
     max_iterations: int = 50

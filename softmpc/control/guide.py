@@ -22,7 +22,8 @@ class Guide:
 
     "moving" is as "rest" but with the strains' rates along the path.
 
-    With `project` the tip is to follow the nearest places in reach instead of the path itself.
+    With `project` the tip is to follow the nearest places in reach instead of the path itself,
+    and a `Transit` where these jump.
     `to_state` turns states and inputs of the rest path's model into states of the controller's.
     """
 

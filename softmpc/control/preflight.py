@@ -149,7 +149,8 @@ def _rates(rest: RestPath, t: Array) -> Array:
     """Rates of the inputs at rest (N×k)."""
     h = SAMPLE
     rate = (rest.inputs(t + h) - rest.inputs(t - h)) / (2 * h)
-    return np.where(rest.jump_near(t, 2 * h)[:, None], 0.0, rate)
+    jumps = rest.in_transit(t) | rest.in_transit(t + h) | rest.in_transit(t - h)
+    return np.where(jumps[:, None], 0.0, rate)
 
 
 def _unit(rest: RestPath) -> str:

@@ -2,18 +2,19 @@
 
 Inverse statics goes along one lap, each place from the one before. What the path asks and the arm
 cannot do is replaced by the nearest place in reach. Between two nodes the posture may have to jump,
-where no way along the path leads from one to the other.
+where no way along the path leads from one to the other; a `Transit` leads across.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from softmpc.control.paths import Reference
+from softmpc.control.transit import Transit, find_transits
 from softmpc.errors import InputError
 from softmpc.model.model import Model
 from softmpc.statics.equilibrium import find_equilibrium
@@ -27,6 +28,7 @@ NODES = 80  # of a lap
 IN_REACH = 1e-5  # m
 JUMP = 0.1  # of a strain's scale from node to node, at least, and
 FAR = 6.0  # times as far as the median step
+HALVINGS = 4  # of the piece with a jump
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -116,24 +118,27 @@ class RestPath:
 
     def rest(self, t: Array) -> Array:
         """States at rest (N×nx) at times (N)."""
-        return self._between(t, self.x)
+        return self._led(t, self._between(t, self.x), "x")
 
     def inputs(self, t: Array) -> Array:
         """Inputs that hold them (N×k)."""
+        return self._led(t, self.held(t), "u")
+
+    def held(self, t: Array) -> Array:
+        """The same without transits: they jump."""
         return self._between(t, self.u)
 
     def rates(self, t: Array) -> Array:
-        """Rates of the strains along the path (N×n), 1/s; none across a jump."""
-        h = 1e-3 * self.reference.law.lap_time
-        ahead, behind = (self._between(np.asarray(t) + s, self.q) for s in (h, -h))
-        rate = (ahead - behind) / (2 * h)
-        return np.where(self.jump_near(t, h)[:, None], 0.0, rate)
+        """Rates of the strains along the path (N×n), 1/s."""
+        h, n = 1e-3 * self.reference.law.lap_time, self.model.strains
+        ahead, behind = (self.rest(np.asarray(t) + s)[:, :n] for s in (h, -h))
+        return np.asarray((ahead - behind) / (2 * h))
 
     def position(self, t: Array) -> Array:
         """The reference, or the nearest place in reach (N×3)."""
         given = self.reference.position(t)
         off = np.where(self.distance[:, None] > IN_REACH, self.tips - self.targets, 0.0)
-        return np.asarray(given + self._between(t, off))
+        return self._led(t, given + self._between(t, off), "tips")
 
     def out_of_reach(self, t: Array) -> Array:
         """How far the reference is out of reach (N), m; 0 where it is not."""
@@ -149,10 +154,17 @@ class RestPath:
         moved = np.diff(jumped) != 0
         return np.asarray(t)[:-1][np.where(wraps, self.closing_jump, moved)]
 
-    def jump_near(self, t: Array, span: float) -> Array:
-        """Whether the posture jumps within `span` (s) of times (N)."""
-        a, b = (self._places(np.asarray(t) + s) for s in (-span, span))
-        return np.asarray(self.jumps[a[0]] | self.jumps[b[0]])
+    @cached_property
+    def transits(self) -> tuple[Transit, ...]:
+        """From the posture before each jump to the one after."""
+        return find_transits(self)
+
+    def in_transit(self, t: Array) -> Array:
+        """Whether times (N) are in a transit."""
+        found = np.zeros(np.shape(t), bool)
+        for transit in self.transits:
+            found |= transit.within(t)
+        return found
 
     @cached_property
     def closing_jump(self) -> bool:
@@ -167,6 +179,12 @@ class RestPath:
         piece = np.clip(np.searchsorted(nodes, phase, side="right") - 1, 0, len(nodes) - 2)
         share = (phase - nodes[piece]) / np.diff(nodes)[piece]
         return piece, np.clip(share, 0.0, 1.0)
+
+    def _led(self, t: Array, values: Array, name: str) -> Array:
+        """Values at times (N×…), those of the transits where there are any."""
+        for transit in self.transits:
+            values = transit.instead(t, values, name)
+        return np.asarray(values)
 
     def _between(self, t: Array, values: Array) -> Array:
         """Values of the nodes (K×…) on lines between them; across a jump, of the nearer one."""
@@ -195,9 +213,29 @@ def find_rest_path(
 
     first = once(None)
     if not first.closing_jump:
-        return first
+        return _refined(inverse, first)
     second = once(first.found[-1])
-    return min(first, second, key=lambda path: path.jumps.sum() + path.closing_jump)
+    return _refined(inverse, min(first, second, key=lambda one: one.jumps.sum() + one.closing_jump))
+
+
+def _refined(inverse: InverseStatics, rest: RestPath) -> RestPath:
+    """With more nodes around its jumps, so that it is known where they are."""
+    nodes = list(zip(rest.lap.phase, rest.targets, rest.found, strict=True))
+    for k in np.flatnonzero(rest.jumps)[::-1]:
+        before, after = nodes[k], nodes[k + 1]
+        more = []
+        for _ in range(HALVINGS):
+            phase = (before[0] + after[0]) / 2
+            place = rest.reference.path.position(np.array([phase]))[0]
+            sides = [inverse.solve(Position(tuple(place)), side[2]) for side in (before, after)]
+            found = min(sides, key=lambda one: max(one.distance, IN_REACH))
+            more.append((phase, place, found))
+            steps = [float(np.linalg.norm(found.q - side[2].q)) for side in (before, after)]
+            before, after = (more[-1], after) if steps[0] < steps[1] else (before, more[-1])
+        nodes[k + 1 : k + 1] = sorted(more, key=lambda node: node[0])
+    phases, targets, found_all = zip(*nodes, strict=True)
+    lap = Lap(np.array(phases), rest.lap.repeats)
+    return replace(rest, lap=lap, targets=np.array(targets), found=tuple(found_all))
 
 
 def along(
@@ -220,4 +258,23 @@ def along(
         results.append(last)
         if progress is not None:
             progress(k + 1, len(targets))
+    return _nearest(inverse, targets, results)
+
+
+def _nearest(
+    inverse: InverseStatics, targets: Array, results: list[InverseResult]
+) -> list[InverseResult]:
+    """The same, without places out of reach to which the posture of another one comes nearer.
+
+    Each place was sought from the one before; beyond a jump that is a start on the wrong side.
+    """
+    tips = np.array([one.tips[-1] for one in results])
+    for k, place in enumerate(targets):
+        off = np.linalg.norm(tips - place, axis=1)
+        other = int(np.argmin(off))
+        if results[k].distance <= IN_REACH or off[other] > results[k].distance - IN_REACH:
+            continue
+        found = inverse.solve(Position(tuple(place)), results[other])
+        if found.distance < results[k].distance:
+            results[k], tips[k] = found, found.tips[-1]
     return results

@@ -137,7 +137,7 @@ def set_up(scene: Scene, task: Tracking) -> Setup:
         to_state=None if to_state.is_identity else to_state,
     )
     with errors_in("[track.controller]"):
-        mpc = make_mpc(ocp, settings, rest)
+        mpc = make_mpc(ocp, settings, rest, guide.project)
     return Setup(
         task,
         task.plant.integrator(plant),
@@ -153,9 +153,14 @@ def _controller_model(plant: Model, scene: Scene) -> Model:
     return plant if scene == plant.scene else build(scene)
 
 
-def make_mpc(ocp: Ocp, settings: ControllerSettings, rest: RestPath) -> Mpc:
-    """The controller of these settings, with its cost at the end near the middle of the path."""
-    if settings.terminal == "rest":
+def make_mpc(ocp: Ocp, settings: ControllerSettings, rest: RestPath, project: bool) -> Mpc:
+    """The controller of these settings, with its cost at the end near the middle of the path.
+
+    Where the nearest places in reach jump the tip alone does not say which way to go; that cost
+    leads the whole posture.
+    """
+    jumps = project and len(rest.transits) > 0
+    if settings.terminal == "rest" or (settings.terminal == "auto" and jumps):
         pressures = rest.middle.pressures
         start = start_at(ocp.model, find_equilibrium(ocp.model, pressures))
         ocp = terminal_cost(ocp, start.x, start.u, settings.stages).problem

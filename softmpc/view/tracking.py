@@ -84,7 +84,7 @@ def _draw_space(made: Any, arm: Arm, result: Any) -> None:
     tips = np.array([shape[-1][-1] for shape in shapes])
     solid = int(np.argmax(np.linalg.norm(tips - tips.mean(axis=0), axis=1)))
     lines = [line for shape in shapes for line in shape]
-    box = box_of(*lines, result.reference, margin=1.5 * max(arm.radii))
+    box = box_of(*lines, result.reference, result.tip, margin=1.5 * max(arm.radii))
     axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=1.2)
     draw_base(axes, 1.8 * max(arm.radii))
     draw_tube(axes, shapes[solid], [0.6 * radius for radius in arm.radii], alpha=0.75)

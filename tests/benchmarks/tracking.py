@@ -9,6 +9,7 @@ iteration; the plant is the same scene, integrated by IDAS at a tolerance of 1e-
     edge     circle of 80 mm at z = 0.50 m, partly out of reach, the nearest places followed
     void     circle of 80 mm at z = 0.45 m, in the void around the axis, nearest places followed
     jump     circle of 160 mm at z = 0.50 m, in reach, but of one posture only
+    across   line of 160 mm at z = 0.45 m through that void: the nearest place jumps
 
 Errors are those from what is followed, after the first second and but for 0.5 s after a jump. "at
 rest" is the total variation of the torques that hold the path at rest. "converged" is the cost of
@@ -24,7 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from softmpc.control.baselines import converged
-from softmpc.control.paths import Circle, FigureEight, Reference, TimeLaw
+from softmpc.control.paths import Circle, FigureEight, Line, Reference, TimeLaw
 from softmpc.control.track_result import TrackResult
 from softmpc.control.track_scene import Plant, Tracking
 from softmpc.control.tracking import set_up
@@ -39,6 +40,7 @@ PATHS = {
     "edge": (Circle((0.54, 0.0, 0.50), 0.08), TimeLaw(4.0, 2.0)),
     "void": (Circle((0.06, 0.0, 0.45), 0.08), TimeLaw(4.0, 2.0)),
     "jump": (Circle((0.12, 0.0, 0.50), 0.16), TimeLaw(4.0, 2.0)),
+    "across": (Line((-0.08, 0.01, 0.45), (0.08, 0.01, 0.45)), TimeLaw(4.0, 2.0)),
 }
 COLUMNS = "path        RMS (mm)  max (mm)  out of reach (mm)  torques (N·m)    variation  at rest"
 
