@@ -9,14 +9,16 @@ it is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from softmpc.control.linearisation import Linearisation, Linearised
 from softmpc.control.trajectory import Trajectory
+from softmpc.errors import InputError
 
-__all__ = ["Condensed", "Condensing", "Program"]
+__all__ = ["Condensed", "Condensing", "Program", "block_of_each"]
 
 Array = np.ndarray
 
@@ -172,3 +174,14 @@ class Condensing:
             if u_before is not None:
                 start = u_before * width
                 found[k, :, start : start + width] += by[k, :, :width]
+
+
+def block_of_each(blocks: Sequence[int] | None, intervals: int) -> Array:
+    """The block of each interval (N), from how many each has; without `blocks` one each."""
+    counts = [1] * intervals if blocks is None else list(blocks)
+    if sum(counts) != intervals or not all(isinstance(c, int) and c >= 1 for c in counts):
+        raise InputError(
+            f"blocks = {counts}: must be whole numbers from 1 that add up to the {intervals} "
+            "intervals"
+        )
+    return np.repeat(np.arange(len(counts)), counts)

@@ -19,6 +19,7 @@ import numpy as np
 
 from softmpc.control.input_guard import InputGuard
 from softmpc.control.ipopt import Ipopt
+from softmpc.control.one_thread import one_thread
 from softmpc.control.plan import Plan
 from softmpc.control.rollout import Rollout
 from softmpc.control.solver import Solution, Solver, split
@@ -40,7 +41,6 @@ __all__ = ["Mpc", "Step"]
 RESTART_AFTER = 3
 CONSISTENT = 0.1  # largest scaled violation of a plan that an iteration may begin with
 CLIPPED = 1e-6  # of the input's scale, by which the last guard must change it to be reported
-FEASIBLE = 1e-4  # largest scaled violation of a result at the iteration cap that is still used
 _REPORTED = ("iterations", "cost", "kkt", "qp", "share", "violation")
 LOG = logging.getLogger(__name__)
 
@@ -86,6 +86,7 @@ class Mpc:
         self._violations = Violations(transcription)
         fast = None if self._split is None else self._split.linearisation
         self._rollout = Rollout(transcription, fast)
+        one_thread.look()
         self.reset()
 
     def reset(self) -> None:
@@ -106,6 +107,7 @@ class Mpc:
         self.prepare(given, u_before)
         return self.feedback(x)
 
+    @one_thread
     def prepare(self, given: References, u_before: Array | None = None) -> None:
         """What needs no measurement, for a sample with references `given` at its nodes.
 
@@ -122,6 +124,7 @@ class Mpc:
         prepared, error = self._prepare_solver(asked)
         self._asked = replace(asked, prepared=prepared, error=error, seconds=_since(began))
 
+    @one_thread
     def feedback(self, x: Array) -> Step:
         """The input for the state x (q, dq, z) as measured."""
         began, asked = time.perf_counter(), self._asked
@@ -135,7 +138,7 @@ class Mpc:
         solution, why = self._attempt(x, asked, w, multipliers, began)
         late = self.budget is not None and asked.seconds + _since(began) > self.budget
         status = self._status(solution, why, late)
-        usable = solution is not None and _usable(solution)
+        usable = solution is not None and solution.usable
         self._failures = 0 if usable else self._failures + 1
         worst = "" if status == SOLVED else self._worst(x, asked, solution, w)
         if worst and not late:
@@ -233,9 +236,9 @@ class Mpc:
             return BUDGET_OVERRUN
         if solution.solved and not np.all(np.isfinite(solution.w)):
             return f"{FAILED}: result not finite"
-        if late and _usable(solution):
+        if late and solution.usable:
             return BUDGET_OVERRUN
-        if _capped(solution):
+        if solution.capped:
             return ITERATION_CAP
         return SOLVED if solution.solved else f"{FAILED}: {why}"
 
@@ -250,7 +253,7 @@ class Mpc:
         worst: str = "",
     ) -> Step:
         """The input that follows from a solve, and the plan for the next step."""
-        usable = solution is not None and _usable(solution)
+        usable = solution is not None and solution.usable
         plan = self._plan
         if solution is not None and usable:
             self._plan = Plan(self.transcription, solution, 1)
@@ -289,14 +292,3 @@ def _since(began: float) -> float:
 
 def _reason(error: Exception) -> str:
     return (f"{type(error).__name__}: {error}".splitlines() or [""])[0]
-
-
-def _capped(solution: Solution) -> bool:
-    """Whether a solver stopped because it had no more iterations."""
-    return not solution.solved and "iteration" in solution.status.lower()
-
-
-def _usable(solution: Solution) -> bool:
-    """Good enough to be applied, and to start from."""
-    good = solution.solved or (_capped(solution) and solution.violation <= FEASIBLE)
-    return good and bool(np.all(np.isfinite(solution.w)))

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softmpc.control.condensing import Condensed, Condensing, Program
+from softmpc.control.condensing import Condensed, Condensing, Program, block_of_each
 from softmpc.control.daqp import Daqp, QpSolution
 from softmpc.control.linearisation import Linearisation, Measured
 from softmpc.control.merit import Limited, Merit, Multipliers, violations
+from softmpc.control.one_thread import one_thread
 from softmpc.control.solver import NO_MULTIPLIERS, Solution
 from softmpc.control.trajectory import Moment, Trajectory
 from softmpc.control.transcription import Transcription
@@ -63,7 +64,7 @@ class RealTime:
         self.transcription = t = transcription
         self.iterations, self.tolerance = iterations, tolerance
         self.linearisation, self.qp = Linearisation(t, mode), Daqp()
-        self.blocks = _blocks(blocks, t.N)
+        self.blocks = block_of_each(blocks, t.N)
         self._starts = np.flatnonzero(np.diff(self.blocks, prepend=-1))
         low, high = t.variable_bounds()
         rows = tuple(bound[t.na + t.nx :] for bound in t.row_bounds())
@@ -71,6 +72,7 @@ class RealTime:
         self.limited = Limited((low[: t.nu], high[: t.nu]), x, (rows[0], rows[1]))
         self._bounded = np.flatnonzero(np.isfinite(x[0]) | np.isfinite(x[1]))
         self.linearisation.make()
+        one_thread.look()
         self._condensing = Condensing(self.linearisation, self.blocks)
         self._prices = np.outer(np.diff([*self._starts, t.N]), t.objective.price).ravel()
         self._names = t.variable_names(), t.row_names()
@@ -86,6 +88,7 @@ class RealTime:
         self._prepared: _Prepared | None = None
         self._active: Array | None = None  # multipliers of the last quadratic program
 
+    @one_thread
     def prepare(self, moment: Moment, w: Array) -> None:
         """All that needs no measurement: linearise around `w`, condense; `moment.x` is expected.
 
@@ -102,6 +105,7 @@ class RealTime:
         H[np.diag_indices_from(H)] += DAMPING
         self._prepared = _Prepared(moment, at, condensed, H, merit)
 
+    @one_thread
     def feedback(self, x: Array, time_limit: float | None = None) -> Solution:
         """One step from what was prepared, for the scaled state x (nx) as measured.
 
@@ -131,6 +135,7 @@ class RealTime:
         slope = float(np.abs(program.H @ found.v).max())  # what the cost would still fall by
         return self._solution(at, measured, multipliers, found, share, slope, began), merit
 
+    @one_thread
     def solve(
         self,
         parameters: Array,
@@ -279,16 +284,6 @@ class RealTime:
         over = np.nan_to_num(both[part], nan=np.inf)
         k, i = np.unravel_index(int(np.argmax(over)), over.shape)
         return float(over[k, i]), f"{self._names[part][i]} at interval {k + 1}"
-
-
-def _blocks(blocks: Sequence[int] | None, intervals: int) -> Array:
-    counts = [1] * intervals if blocks is None else list(blocks)
-    if sum(counts) != intervals or not all(isinstance(c, int) and c >= 1 for c in counts):
-        raise InputError(
-            f"blocks = {counts}: must be whole numbers from 1 that add up to the {intervals} "
-            "intervals"
-        )
-    return np.repeat(np.arange(len(counts)), counts)
 
 
 def _failed(w: Array, found: QpSolution, worst: tuple[float, str], began: float) -> Solution:

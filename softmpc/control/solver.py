@@ -16,13 +16,14 @@ if TYPE_CHECKING:
 __all__ = ["NO_MULTIPLIERS", "Solution", "Solver", "Split", "split", "worst_violation"]
 
 NO_MULTIPLIERS = np.zeros(0)
+FEASIBLE = 1e-4  # largest scaled violation of a result at the iteration cap that is still used
 
 
 @dataclass(frozen=True)
 class Solution:
     """What a solver found: scaled variables and multipliers, and how good they are."""
 
-    solved: bool  # good enough to be applied, and to start from
+    solved: bool
     status: str  # of the solver
     w: np.ndarray
     lam_w: np.ndarray  # of the bounds; empty where a solver starts without
@@ -35,6 +36,17 @@ class Solution:
     kkt: float = float("nan")  # largest residual of the conditions of an optimum, scaled
     qp: str = ""  # how the last quadratic program ended, where there is one
     share: float = 1.0  # of the last step that was taken
+
+    @property
+    def capped(self) -> bool:
+        """Whether the solver stopped because it had no more iterations."""
+        return not self.solved and "iteration" in self.status.lower()
+
+    @property
+    def usable(self) -> bool:
+        """Good enough to be applied, and to start from."""
+        good = self.solved or (self.capped and self.violation <= FEASIBLE)
+        return good and bool(np.all(np.isfinite(self.w)))
 
 
 class Solver(Protocol):
