@@ -1,15 +1,24 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and NPZ files read whole or not at all."""
 
 from __future__ import annotations
 
+import json
 import os
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from softmpc.errors import InputError
 
-__all__ = ["replacing"]
+__all__ = ["reading_npz", "replacing"]
+
+BROKEN = (
+    AttributeError, EOFError, KeyError, OSError, TypeError, ValueError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 
 
 @contextmanager
@@ -30,3 +39,33 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             beside.unlink(missing_ok=True)
+
+
+@contextmanager
+def reading_npz(
+    path: str | os.PathLike[str], what: str, schemas: tuple[int, ...]
+) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """`with reading_npz(path, "simulation", (1, 2)) as (about, arrays)`: what a result has saved.
+
+    Raises `InputError` for a file that is missing, broken, of another kind or of another schema,
+    also where that shows only in the block.
+    """
+    import numpy as np  # here, because `files` is imported by all
+
+    try:
+        if os.path.exists(path) and not zipfile.is_zipfile(path):
+            raise ValueError("no NPZ file, or one that was cut off")
+        with np.load(path, allow_pickle=False) as file:
+            arrays = dict(file)
+        about = json.loads(str(arrays.pop("about")))
+        if about.pop("schema", None) not in schemas:
+            known = " and ".join(map(str, schemas)) + (" are" if len(schemas) > 1 else " is")
+            raise InputError(f"{path}: is of another version; {known} known here")
+        yield about, arrays
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except InputError:
+        raise
+    except BROKEN as error:
+        reason = f"it has no {error}" if isinstance(error, KeyError) else error
+        raise InputError(f"{path}: is not a saved {what}: {reason}") from None

@@ -276,7 +276,7 @@ def test_wrong_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a saved simulation"):
         Simulation.load(file)
     np.savez(file, about='{"schema": 99}')
-    with pytest.raises(InputError, match="is not a saved simulation"):
+    with pytest.raises(InputError, match="is of another version; 1 and 2 are known here"):
         Simulation.load(file)
     (tmp_path / "taken").write_text("")
     with pytest.raises(InputError, match="cannot be written"):

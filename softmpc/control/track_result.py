@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softmpc.errors import InputError
-from softmpc.files import replacing
+from softmpc.files import reading_npz, replacing
 from softmpc.simulation.columns import write_columns
 
 __all__ = ["TrackResult"]
@@ -178,21 +176,12 @@ class TrackResult:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> TrackResult:
         """Read a track.npz; raises `InputError` for a file that is none."""
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                about = json.loads(str(file["about"]))
-                arrays = {name: file[name] for name in ARRAYS}
-                arrays |= {name: file[name] for name in NEW_ARRAYS if name in file}
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such file") from None
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: is not a saved closed-loop run: {error}") from None
-        if about.pop("schema", None) not in READS:
-            known = " and ".join(map(str, READS))
-            raise InputError(f"{path}: is of another version; {known} are known here")
-        about["names"] = tuple(tuple(names) for names in about["names"])
-        about["findings"] = tuple(about.get("findings", ()))
-        return cls(**about, **arrays)
+        with reading_npz(path, "closed-loop run", READS) as (about, content):
+            about["names"] = tuple(tuple(names) for names in about["names"])
+            about["findings"] = tuple(about.get("findings", ()))
+            arrays = {name: content[name] for name in ARRAYS}
+            arrays |= {name: content[name] for name in NEW_ARRAYS if name in content}
+            return cls(**about, **arrays)
 
     def _samples(self) -> dict[str, np.ndarray]:
         columns = {"t [s]": self.time}

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from softmpc.errors import InputError
-from softmpc.files import replacing
+from softmpc.files import reading_npz, replacing
 from softmpc.simulation.columns import name_of, read_titled
 from softmpc.simulation.inputs import Curve, InputProfile
 from softmpc.simulation.validity import MotionWarning
@@ -39,23 +38,16 @@ def write_npz(path: Path, fields: Fields) -> None:
 
 def read_npz(path: Path) -> Fields:
     """Fields of a saved simulation; raises `InputError` for a file that is none."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            content = dict(file)
-        about = json.loads(str(content.pop("about")))
+    with reading_npz(path, "simulation", (1, SCHEMA_VERSION)) as (about, content):
         fields = {name: content.pop(name) for name in ARRAYS}
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: is not a saved simulation: {error}") from None
-    if about.pop("schema", None) not in (1, SCHEMA_VERSION):
-        raise InputError(f"{path}: is of another version; 1 and {SCHEMA_VERSION} are known here")
-    about["titles"] = {name: tuple(titles) for name, titles in about["titles"].items()}
-    about["warnings"] = tuple(MotionWarning(**found) for found in about.get("warnings", ()))
-    inputs = [Curve(*content.pop(f"input_{j}")) for j in range(1, _count(content, "input_{}") + 1)]
-    profile = InputProfile(tuple(inputs)) if inputs else None
-    energies = {name.removeprefix("energy_"): e for name, e in content.items()}
-    return {**about, **fields, "energies": energies, "profile": profile}
+        about["titles"] = {name: tuple(titles) for name, titles in about["titles"].items()}
+        about["warnings"] = tuple(MotionWarning(**found) for found in about.get("warnings", ()))
+        inputs = [
+            Curve(*content.pop(f"input_{j}")) for j in range(1, _count(content, "input_{}") + 1)
+        ]
+        profile = InputProfile(tuple(inputs)) if inputs else None
+        energies = {name.removeprefix("energy_"): e for name, e in content.items()}
+        return {**about, **fields, "energies": energies, "profile": profile}
 
 
 def read_csv(path: Path) -> Fields:

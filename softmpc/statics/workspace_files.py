@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import zipfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.errors import InputError
-from softmpc.files import replacing
+from softmpc.files import reading_npz, replacing
 from softmpc.statics.workspace_limits import Extreme
 from softmpc.statics.workspace_rays import Place
 from softmpc.statics.workspace_result import Surface, Workspace
@@ -147,26 +145,18 @@ def _content(space: Workspace) -> dict[str, Any]:
 
 def load(path: Path) -> Workspace:
     """Read a workspace.npz; raises `InputError` for a file that is none."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            content = dict(file)
-        about = json.loads(str(content.pop("about")))
+    with reading_npz(path, "workspace", (SCHEMA,)) as (about, content):
         grid = {name: content[name] for name in GRID}
         samples = Samples(*(content[f"samples_{name}"] for name in SAMPLES))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: is not a saved workspace: {error}") from None
-    if about.pop("schema", None) != SCHEMA:
-        raise InputError(f"{path}: is of another version; {SCHEMA} is known here")
-    sides: dict[str, Any] = {
-        side: Surface(*(content[f"{side}_{name}"] for name in SURFACE))
-        if f"{side}_radii" in content
-        else None
-        for side in ("outer", "inner")
-    }
-    extremes = tuple(
-        Extreme(**{**found, "place": Place.of(found["place"])}) for found in about.pop("extremes")
-    )
-    held = {int(unit): p for unit, p in about.pop("held").items()}
-    return Workspace(**about, **grid, **sides, held=held, extremes=extremes, samples=samples)
+        sides: dict[str, Any] = {
+            side: Surface(*(content[f"{side}_{name}"] for name in SURFACE))
+            if f"{side}_radii" in content
+            else None
+            for side in ("outer", "inner")
+        }
+        extremes = tuple(
+            Extreme(**{**found, "place": Place.of(found["place"])})
+            for found in about.pop("extremes")
+        )
+        held = {int(unit): p for unit, p in about.pop("held").items()}
+        return Workspace(**about, **grid, **sides, held=held, extremes=extremes, samples=samples)
