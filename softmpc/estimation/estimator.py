@@ -39,11 +39,11 @@ FLOOR = 1e-9  # of a sensor's values: noise of one that says it has none
 class Spread:
     """Standard deviations at the start, as shares of each variable's scale."""
 
-    strains: float = 0.05
+    strains: float = 0.01
     rates: float = 0.01
-    drive: float = 0.05
-    forces: float = 0.2
-    offsets: float = 0.05
+    drive: float = 0.02
+    forces: float = 0.1
+    offsets: float = 0.03
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,8 @@ class Estimator:
         """Begin at a state (nx) and input (k), SI, with no disturbance known."""
         s = np.concatenate([x, np.zeros(len(self.process.disturbance))]) / self.process.scale
         P = np.diag(self._spread)
-        self._knots = [_Knot(tick, s, P, np.zeros(self.process.unknowns))]
-        self._inputs: list[tuple[int, Array]] = [(tick, np.asarray(u, float))]
+        self._knots = [_Knot(tick - 1, s, P, np.zeros(self.process.unknowns))]
+        self._inputs: list[tuple[int, Array]] = [(tick - 1, np.asarray(u, float))]
         self._samples: list[Sample] = []
         self._plausibility.reset()
         self.health = [_Health(tick) for _ in self.sensors]

@@ -29,11 +29,11 @@ KEPT = 64  # lengths of steps whose matrices are kept
 class ProcessNoise:
     """Standard deviations after a second, as shares of each variable's scale (white noise)."""
 
-    strains: float = 1e-3
-    rates: float = 0.05
-    drive: float = 0.01
-    forces: float = 0.1
-    offsets: float = 0.03
+    strains: float = 1e-4
+    rates: float = 3e-3
+    drive: float = 1e-3
+    forces: float = 0.01
+    offsets: float = 3e-3
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def _require(sensor: Sensor, key: str, low: float, high: float, unit: str) -> No
     value = getattr(sensor, key)
     if not low <= value <= high:
         raise InputError(
-            f"{sensor.name}: {key} = {value!r}: must be between {low:g} and {high:g} {unit}".rstrip()
+            f"{sensor.name}: {key} = {value!r}: must be from {low:g} to {high:g} {unit}".rstrip()
         )
 
 
