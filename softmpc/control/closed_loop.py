@@ -22,7 +22,7 @@ from softmpc.model.model import Model
 from softmpc.simulation.integrator import IntegrationError, Integrator
 from softmpc.statics.equilibrium import Equilibrium
 
-__all__ = ["Controller", "Start", "close_loop", "start_at"]
+__all__ = ["Controller", "Start", "close_loop", "loop_result", "start_at"]
 
 SAMPLE = 1e-3  # s, between the samples of the error
 
@@ -99,7 +99,7 @@ def close_loop(
     except IntegrationError as error:
         status = f"plant stopped: {error}"
     times = step, step / samples, settle
-    result = _result(plant.model, guide, np.vstack(states), steps, start.u, times, status)
+    result = loop_result(plant.model, guide, np.vstack(states), steps, start.u, times, status)
     ends = np.vstack(states)[samples::samples][: len(steps)]
     return replace(result, costs=loop_costs(controller.ocp, plant.model, guide, ends, result))
 
@@ -110,7 +110,7 @@ def _steps(duration: float, step: float) -> int:
     return round(duration / step)
 
 
-def _result(
+def loop_result(
     model: Model,
     guide: Guide,
     states: np.ndarray,
@@ -119,6 +119,7 @@ def _result(
     times: tuple[float, float, float],
     status: str,
 ) -> TrackResult:
+    """The record of a loop from its states at all samples; `times`: of a step, a sample, settled."""
     step, sample, settle = times
     n, per_step = model.strains, round(step / sample)
     states = states[: 1 + len(steps) * per_step]

@@ -54,6 +54,7 @@ class ControllerSettings:
     tip_box: Bounds = ()
     strains: Bounds = ()
     soft: tuple[str, ...] = SOFTENED
+    back_off: float = 0.0  # share of their range by which limits of pressure and strain are closer
     scene: Scene | None = None
 
     def limits(self, model: Model) -> tuple[Limit, ...]:
@@ -65,6 +66,7 @@ class ControllerSettings:
             TorqueLimit(*((arm.torque_min, arm.torque_max) if driven else pressure))
         ]
         if driven:
+            pressure = self._backed_off(*pressure)
             found.append(PressureLimit(*pressure, soft=self._excess("pressure", PRESSURE_EXCESS)))
         if self.torque_rate is not None:
             most = self.torque_rate * self.step
@@ -73,8 +75,12 @@ class ControllerSettings:
             found.append(TipBox(low, high, axis=axis, soft=self._excess("tip_box", TIP_EXCESS)))
         for kind, low, high in self.strains:
             soft = self._excess("strain", STRAIN_EXCESS)
-            found.append(StrainLimit(low, high, kind=kind, soft=soft))
+            found.append(StrainLimit(*self._backed_off(low, high), kind=kind, soft=soft))
         return tuple(found)
+
+    def _backed_off(self, low: float, high: float) -> tuple[float, float]:
+        margin = self.back_off * (high - low)
+        return low + margin, high - margin
 
     def _excess(self, name: str, excess: float) -> float | None:
         return excess if name in self.soft else None
@@ -122,6 +128,7 @@ def read_controller(table: Table, scene: Scene | None = None) -> ControllerSetti
         tip_box=_read_bounds(table, "tip_box", AXES, "m"),
         strains=_read_bounds(table, "strains", STRAINS, ""),
         soft=table.strings("soft", SOFTENED, allowed=SOFTENED),
+        back_off=table.number("back_off", 0.0, low=0.0, high=0.4),
         scene=scene,
     )
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from softmpc.control.track_scene import ON_INFEASIBLE, Tracking, read_tracking
 from softmpc.control.transcription import Transcription
 from softmpc.errors import InputError, SceneError, errors_in, unknown_name
 from softmpc.interrupts import InterruptLater
+from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model, build
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document, scene_from_dict
@@ -36,7 +38,15 @@ __all__ = ["Setup", "Tracking", "read_tracking", "read_track_file", "set_up", "t
 
 CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
+NAMELESS = {"controller": ""}  # of a run with another controller than the task's
 LINES = 4  # of what is infeasible, in an error
+ADVICE = {
+    "reach": "move it towards the arm's tip at half pressure, or make it smaller",
+    "torque": "move it, or allow more torque",
+    "torque rate": "give it more time (lap_time), or raise torque_rate",
+    "bandwidth": "give it more time (lap_time), or make it smaller",
+    "controller": "give the controller's scene what it lacks for this path, such as strains",
+}
 
 Progress = Callable[[int, int], None]
 
@@ -99,23 +109,33 @@ class Setup:
 
     def run(self, controller: Controller, progress: Progress | None = None) -> TrackResult:
         """Close the loop with this controller, or with another one of the same step."""
-        settings, task = self.task.controller, self.task
+        settle = self.task.settle
         result = close_loop(
-            controller, self.plant, self.guide, self.start, settle=task.settle, progress=progress
+            controller, self.plant, self.guide, self.start, settle=settle, progress=progress
         )
+        about = self.about()
+        return replace(result, **about if controller is self.controller else about | NAMELESS)
+
+    def about(self) -> dict[str, Any]:
+        """What a record of a run says of its task."""
+        settings = self.task.controller
         budget = settings.step if settings.budget is None else settings.budget
-        return replace(
-            result,
-            clearance_m=self.clearance,
-            controller=settings.solver if controller is self.controller else "",
-            budget_ms=1e3 * budget,
-            rate_limit=settings.torque_rate,
-            findings=tuple(self.preflight.lines),
-        )
+        return {
+            "clearance_m": self.clearance,
+            "controller": settings.solver,
+            "budget_ms": 1e3 * budget,
+            "rate_limit": settings.torque_rate,
+            "findings": tuple(self.preflight.lines),
+        }
 
 
-def set_up(scene: Scene, task: Tracking) -> Setup:
-    """Models, checks before the run, controller and start of a task."""
+def set_up(
+    scene: Scene, task: Tracking, disturbance: Callable[[Scene], Disturbance] | None = None
+) -> Setup:
+    """Models, checks before the run, controller and start of a task.
+
+    `disturbance` makes, of the controller's scene, what its problem is told of in each step.
+    """
     plant_scene = scene if task.plant.scene is None else task.plant.scene
     plant = build(plant_scene)
     inverse = InverseStatics(plant, starts=STARTS)
@@ -123,8 +143,10 @@ def set_up(scene: Scene, task: Tracking) -> Setup:
     with errors_in("[track.controller]"):
         model = _controller_model(plant, scene if settings.scene is None else settings.scene)
         ocp = settings.problem(model)
+        if disturbance is not None:
+            ocp = replace(ocp, disturbance=disturbance(model.scene))
         to_state = StateMap(plant, model)
-    preflight = find_preflight(inverse, task.reference, ocp.limits, settings.step)
+    preflight = find_preflight(inverse, task.reference, ocp.limits, settings.step, controller=model)
     if task.on_infeasible == "stop":
         _stop_where_infeasible(preflight)
     rest = preflight.rest
@@ -171,12 +193,13 @@ def make_mpc(ocp: Ocp, settings: ControllerSettings, rest: RestPath, project: bo
 def _stop_where_infeasible(preflight: Preflight) -> None:
     if preflight.feasible:
         return
-    lines = preflight.lines
+    lines, kinds = preflight.lines, {finding.kind for finding in preflight.findings}
     more = f"\n  and {len(lines) - LINES} more" if len(lines) > LINES else ""
     said = "".join(f"\n  {line}" for line in lines[:LINES]) + more
+    advice = "; ".join(what for kind, what in ADVICE.items() if kind in kinds)
     raise SceneError(
-        f"[track]: the path is infeasible:{said}\n  move its center towards the arm's tip at half "
-        "pressure, make it smaller or slower, or run it with --on-infeasible project"
+        f"[track]: the path is infeasible:{said}\n  {advice}; or run it as far as it goes with "
+        "--on-infeasible project"
     )
 
 

@@ -57,7 +57,7 @@ ACTUATIONS: dict[str, Actuation] = {
     for drive in (HydraulicDrive(), FrictionDrive(), SlowDrive(), StaticDrive(), PressureDrive())
 }
 TABLES = ("manipulator", "hydraulics", "limits", "model", "effects", "actuation", "load")
-OTHER_TABLES = ("track", "simulate")  # checked by the modules that use them
+OTHER_TABLES = ("track", "rig", "simulate")  # checked by the modules that use them
 ZERO = (0.0, 0.0, 0.0)
 
 T = TypeVar("T")

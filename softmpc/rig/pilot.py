@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,7 +36,7 @@ class Act:
 
     u: Array
     state: State
-    step: Step | None  # of the MPC; None where it was not asked
+    step: Step  # of the MPC; where it was not asked its status is the state
     estimate: Estimate  # of now
     expected: Estimate  # of the time at which u acts
     estimate_seconds: float
@@ -85,16 +85,17 @@ class Pilot:
         before = self.supervisor.state
         state = self.supervisor.update(tick, self._conditions(tick, expected))
         if state >= State.FALL_BACK:
-            u, step = self._without_mpc(tick, state), None
+            u = self._without_mpc(tick, state)
+            step = Step(u, str(state), "supervision", 0.0, 0.0)
         else:
             if before >= State.FALL_BACK:
                 self.mpc.reset()
             self._held_at = None
             step = self._asked(tick, expected)
-            u = step.u
-        self.u = self.mpc.guard.after(self.u, u)
+        self.u = self.mpc.guard.after(self.u, step.u)
         self._pending.append((tick + self.delay, self.u))
         took = time.perf_counter() - began
+        step = replace(step, u=self.u.copy())
         return Act(self.u.copy(), state, step, now, expected, estimated, took)
 
     # --- the estimate ----------------------------------------------------------------------------
