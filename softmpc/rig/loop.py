@@ -41,19 +41,27 @@ def fly(
     start: Start,
     believed: Array,
     duration: float,
+    wait: float = 0.0,
     progress: Progress | None = None,
 ) -> Flight:
-    """Run from `start` of the plant, which the pilot takes for the state `believed`."""
-    machine.reset(start.x, start.u)
-    pilot.reset(believed, start.u)
+    """Run from `start` of the plant, which the pilot takes for the state `believed`.
+
+    Before time 0 the arm rests for `wait` seconds, and the pilot only listens.
+    """
     ticks = round(pilot.mpc.ocp.step / TICK)
+    begin = -ticks * round(wait / (ticks * TICK))
+    machine.reset(start.x, start.u, begin)
+    pilot.reset(believed, start.u, begin)
     count = round(duration / (ticks * TICK))
     flight, random = Flight(), np.random.default_rng([machine.seed, 1 << 21])
     usual = _Usual.of(pilot, machine.faults)
-    flight.states.append(start.x[None])
-    flight.inputs.append(start.u[None])
     try:
         with InterruptLater() as interrupt:
+            for tick in range(begin, 0, ticks):
+                pilot.listen(tick, machine.arrived())
+                machine.run(ticks)
+            flight.states.append(machine.x[None])
+            flight.inputs.append(machine.acting[None])
             for k in range(count):
                 late = _late(machine.faults, k * ticks, ticks, random)
                 _run(machine, k * ticks + late - machine.tick, flight)

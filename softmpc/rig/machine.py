@@ -48,9 +48,9 @@ class Machine:
         self.sensors, self.seed = tuple(sensors), seed
         self.model = self.plants[""].model
 
-    def reset(self, x: Array, u: Array) -> None:
-        """Begin at a state and an input of the plant, at tick 0."""
-        self.tick, self.x, self.told, self.acting = 0, x.copy(), u.copy(), u.copy()
+    def reset(self, x: Array, u: Array, tick: int = 0) -> None:
+        """Begin at a state and an input of the plant."""
+        self.tick, self.x, self.told, self.acting = tick, x.copy(), u.copy(), u.copy()
         self._sensing = Sensing(self.sensors, self.model, self.seed)
         self._random = np.random.default_rng([self.seed, 1 << 20])
         self._commands: list[tuple[int, Array]] = []

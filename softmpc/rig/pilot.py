@@ -64,11 +64,11 @@ class Pilot:
         ]
         self._scale = mpc.ocp.model.layout.u.scale
 
-    def reset(self, x: Array, u: Array) -> None:
-        """Begin at a state of the controller's model and an input, at tick 0."""
+    def reset(self, x: Array, u: Array, tick: int = 0) -> None:
+        """Begin at a state of the controller's model and an input."""
         self.mpc.reset()
-        self.supervisor.reset()
-        self.estimator.reset(x, u)
+        self.supervisor.reset(tick)
+        self.estimator.reset(x, u, tick)
         self.u = np.asarray(u, float).copy()
         self._pending: list[tuple[int, Array]] = []
         self._failed_steps = 0
@@ -76,6 +76,10 @@ class Pilot:
         self._broken = ""  # the estimator
         self._held_at: float | None = None  # time of the reference, in fall-back
         self._last: tuple[Estimate, Estimate] | None = None
+
+    def listen(self, tick: int, samples: Sequence[Sample]) -> None:
+        """Take what has arrived, without an input: the last one is held."""
+        self._estimates(tick, samples)
 
     def step(self, tick: int, samples: Sequence[Sample]) -> Act:
         """The input from what has arrived until `tick`."""

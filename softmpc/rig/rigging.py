@@ -78,7 +78,8 @@ class Rig:
         seen = StateMap(setup.plant.model, self.pilot.mpc.ocp.model)
         believed = seen(setup.start.x, setup.start.u)
         lasts = setup.guide.duration if duration is None else duration
-        flight = fly(self.machine, self.pilot, setup.start, believed, lasts, progress)
+        wait = self.settings.wait
+        flight = fly(self.machine, self.pilot, setup.start, believed, lasts, wait, progress)
         return _result(self, flight, seen)
 
 
@@ -134,7 +135,7 @@ def _result(rig: Rig, flight: Flight, seen: StateMap) -> RigResult:
     P = np.array([act.estimate.P for act in acts]).reshape(len(acts), *2 * [estimator.process.size])
     spread = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     tips, tips_spread = _tips(rig, x[:, :n], P)
-    found = estimator.innovations
+    found = [one for one in estimator.innovations if one.stamp >= 0]
     ticks = round(rig.setup.ocp.step / TICK)
     truth = states[: len(acts) * ticks : ticks]
     true = np.array([seen(one, act.u)[:n] for one, act in zip(truth, acts, strict=True)])

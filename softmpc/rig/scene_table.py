@@ -35,6 +35,7 @@ class RigSettings:
     supervision: Supervision = field(default_factory=Supervision)
     link: Link = field(default_factory=Link)
     faults: tuple[Fault, ...] = ()
+    wait: float = 0.5  # s at rest before the path begins, for the estimate to settle
     seed: int = 0
 
     def disturbance(self, scene: Scene) -> Disturbance:
@@ -63,6 +64,7 @@ def read_rig(data: object) -> RigSettings:
             table.number("lost_commands", 0.0, low=0.0, high=1.0),
         ),
         faults=tuple(_fault(one, k + 1) for k, one in enumerate(_list(table, "faults"))),
+        wait=table.number("wait", RigSettings.wait, unit="s", low=0.0, high=60.0),
         seed=table.integer("seed", 0),
     )
     estimator.finish()
