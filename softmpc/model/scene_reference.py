@@ -33,7 +33,8 @@ def reference_page() -> str:
     parts = [
         "# Scene files",
         "A scene file is TOML. Every table and key is optional; an unknown one is an error. "
-        "`[track]` and `[simulate]` are described with their commands.",
+        "[`[track]`](mpc.md#the-table-track) and "
+        "[`[simulate]`](simulation.md#the-table-simulate) are described with their commands.",
         _table(WORDS, _top_rows()),
         "## [manipulator]",
         "Each number is one for all sections, or a list with one a section. What is not given is "
