@@ -1,8 +1,9 @@
 """An extended Kalman filter for strains, rates, pressures and a disturbance.
 
 Readings come at their own rates and late. Each counts for the time at which it was taken: the
-filter goes back to what it knew then and comes forward again through all that it has heard since,
-so the order of arrival does not matter.
+filter goes back to what it believed just before and comes forward again through all that it has
+heard since. It moves between the times of readings and of new inputs alone, so that the result
+depends on these, not on the order of arrival or on when it was asked.
 
 A reading that is not finite, frozen, or too far from what is expected is left out. Where those of
 one sensor stay too far for long it is the filter that is wrong, and it opens its covariance.
@@ -10,15 +11,16 @@ one sensor stay too far for long it is the filter that is wrong, and it opens it
 
 from __future__ import annotations
 
-from bisect import bisect_right, insort
-from collections import Counter
+from bisect import bisect_left, bisect_right
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from softmpc.errors import InputError
-from softmpc.estimation.kalman import Innovation, gate, predicted, updated
+from softmpc.estimation.kalman import Innovation, expected, gate, predicted, updated
+from softmpc.estimation.knots import Belief, Estimate, Health, Knot, Trust, by_stamp
 from softmpc.estimation.plausibility import Plausibility
 from softmpc.estimation.process import Process
 from softmpc.estimation.sensing import Sample
@@ -30,9 +32,10 @@ __all__ = ["Estimate", "Estimator", "Spread"]
 Array = np.ndarray
 MEMORY = 250  # ticks that a reading may be late
 MISS = 1e-6  # share of good readings that the gate turns away
-OPEN_AFTER = 100  # ticks for which all readings of one sensor are turned away
+OPEN_AFTER = 100, 5  # ticks for which, and readings, that all of one sensor are turned away
 LONGEST = 0.02  # s, of one step of the model
-FLOOR = 1e-9  # of a sensor's values: noise of one that says it has none
+FLOOR = 1e-6  # noise of a sensor that says it has none, as a share of what full strains change
+KEPT = 100_000  # innovations
 
 
 @dataclass(frozen=True)
@@ -46,40 +49,6 @@ class Spread:
     offsets: float = 0.03
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """State x (nx, SI) and disturbance d (scaled), their covariance scaled, and its time (s)."""
-
-    time: float
-    x: Array
-    d: Array
-    P: Array
-
-    def deviations(self, scale: Array) -> Array:
-        """Standard deviations of x in SI; `scale` is that of the model's states."""
-        n = len(self.x)
-        return np.asarray(np.sqrt(np.diag(self.P)[:n]) * scale)
-
-
-@dataclass(frozen=True)
-class _Knot:
-    """What was known at a time, with all readings taken until then."""
-
-    tick: int
-    s: Array
-    P: Array
-    a: Array
-
-
-@dataclass
-class _Health:
-    """Of one sensor: when its last good reading was taken, and since when all are turned away."""
-
-    good: int
-    refused_since: int | None = None
-    reasons: Counter[str] = field(default_factory=Counter)
-
-
 class Estimator:
     """Estimates the state of one model from samples of its sensors."""
 
@@ -91,12 +60,17 @@ class Estimator:
         self.process, self.sensors = process, tuple(sensors)
         self.model: Model = process.model
         self.readings = [sensor.reading(self.model) for sensor in self.sensors]
-        self._R = [
-            np.full(len(reading.names), max(sensor.noise, FLOOR) ** 2)
-            for sensor, reading in zip(self.sensors, self.readings, strict=True)
-        ]
+        self._by_d = [reading.by_u @ process.disturbance.G for reading in self.readings]
+        self._R = [self._noise(i) for i in range(len(self.sensors))]
+        self._gates = [gate(len(reading.names), MISS) for reading in self.readings]
         self._spread = self._variances(spread or Spread())
         self._plausibility = Plausibility(self.sensors, self.readings)
+
+    def _noise(self, i: int) -> Array:
+        """Variance of each value of a sensor."""
+        _, H = self._seen(i, np.zeros(self.process.size), np.zeros(len(self.model.layout.u)))
+        least = FLOOR * float(np.abs(H).max(initial=1e-12))
+        return np.full(len(H), max(self.sensors[i].noise, least) ** 2)
 
     def _variances(self, spread: Spread) -> Array:
         p, layout = self.process, self.model.layout
@@ -113,154 +87,208 @@ class Estimator:
 
     def reset(self, x: Array, u: Array, tick: int = 0) -> None:
         """Begin at a state (nx) and input (k), SI, with no disturbance known."""
-        s = np.concatenate([x, np.zeros(len(self.process.disturbance))]) / self.process.scale
-        P = np.diag(self._spread)
-        self._knots = [_Knot(tick - 1, s, P, np.zeros(self.process.unknowns))]
-        self._inputs: list[tuple[int, Array]] = [(tick - 1, np.asarray(u, float))]
+        p = self.process
+        s = np.concatenate([_finite("x", x, p.nx), np.zeros(len(p.disturbance))]) / p.scale
+        trust = tuple(Trust(tick) for _ in self.sensors)
+        start = Belief(s, np.diag(self._spread), np.zeros(p.unknowns), trust)
+        self._knots = [Knot(tick, start)]
+        self._tail: tuple[Belief, int, Belief] | None = None  # a knot's belief moved to a tick
+        self._now = tick, start  # of the last estimate
+        self._times, self._inputs = [tick - 1], [_finite("u", u, len(self.model.layout.u))]
         self._samples: list[Sample] = []
         self._plausibility.reset()
-        self.health = [_Health(tick) for _ in self.sensors]
-        self._settled: list[Innovation] = []
-        self._recent: list[Innovation] = []
-        self.opened: list[int] = []  # ticks at which the covariance was opened
+        self._reasons: list[Counter[str]] = [Counter() for _ in self.sensors]
+        self._settled: deque[Innovation] = deque(maxlen=KEPT)
+        self._opened: list[int] = []
 
     def applied(self, u: Array, tick: int) -> None:
-        """The input from this time on."""
-        self._forget_from(tick)
-        self._inputs.append((tick, np.asarray(u, float)))
+        """The input (k, SI) from this time on."""
+        u, place = _finite("u", u, len(self.model.layout.u)), bisect_left(self._times, tick)
+        self._forget_after(tick)
+        if self._tail is not None and self._tail[1] > tick:
+            self._tail = None
+        same = self._times[place : place + 1] == [tick]
+        self._times[place : place + same] = [tick]
+        self._inputs[place : place + same] = [u]
 
     def receive(self, samples: Iterable[Sample]) -> None:
         """Readings that have arrived."""
         for sample in samples:
+            place = bisect_left(self._samples, by_stamp(sample), key=by_stamp)
             reason = self._plausibility.fault(sample)
-            if not reason and sample.stamp <= self._knots[0].tick:
+            if not reason and sample.stamp < self._knots[0].tick:
                 reason = "too late"
+            if not reason and [*map(by_stamp, self._samples[place : place + 1])] == [
+                by_stamp(sample)
+            ]:
+                reason = "twice"
             if reason:
-                self.health[sample.sensor].reasons[reason] += 1
+                self._reasons[sample.sensor][reason] += 1
                 continue
-            self._forget_from(sample.stamp)
-            insort(self._samples, sample, key=_stamp)
+            self._samples.insert(place, sample)
+            self._forget_after(sample.stamp)
+            if self._knots[-1].tick == sample.stamp:
+                self._knots[-1] = Knot(sample.stamp, self._knots[-1].before)
 
-    def _forget_from(self, tick: int) -> None:
-        """Drop what was worked out for this time and later."""
-        keep = 1
-        while keep < len(self._knots) and self._knots[keep].tick < tick:
-            keep += 1
-        del self._knots[keep:]
-        self._recent = [one for one in self._recent if one.stamp < tick]
-
-    @property
-    def innovations(self) -> list[Innovation]:
-        """Of all readings that were looked at since the start, by their times."""
-        return [*self._settled, *self._recent]
+    def _forget_after(self, tick: int) -> None:
+        """Drop what was worked out for later times."""
+        while len(self._knots) > 1 and self._knots[-1].tick > tick:
+            self._knots.pop()
 
     # --- what it knows ---------------------------------------------------------------------------
 
     def estimate(self, tick: int) -> Estimate:
-        """What is known of this time, which is not before any reading that counts."""
-        for stamp in self._stops(tick):
-            knot = self._moved(self._knots[-1], stamp)
-            for sample in self._taken(stamp):
-                knot = self._corrected(knot, sample)
-            self._knots.append(knot)
+        """What is known of this time, with all readings taken until then.
+
+        Raises `InputError` for a time before all that is remembered.
+        """
+        if tick < self._knots[0].tick:
+            raise InputError(
+                f"Estimator.estimate: tick = {tick}: must be {self._knots[0].tick} at least; "
+                "what was before is forgotten"
+            )
+        self._forget_after(tick)
+        for stop in self._stops(self._knots[-1].tick, tick):
+            self._knots.append(Knot(stop, self._moved(stop)))
+        self._now = tick, self._moved(tick)
         self._prune(tick)
-        return self._as_estimate(self._knots[-1])
+        return self._as_estimate(*self._now)
 
     def ahead(self, tick: int, inputs: Sequence[tuple[int, Array]] = ()) -> Estimate:
         """The last estimate, moved on to a later time under inputs from their ticks on.
 
         For the delay between a measurement and the input that follows from it. Nothing is kept.
         """
-        knot = self._knots[-1]
-        known = [*self._inputs, *inputs]
-        for stop in [*sorted(t for t, _ in inputs if knot.tick < t < tick), tick]:
-            u = [u for t, u in known if t <= knot.tick][-1]
-            knot = self._advanced(knot, u, stop)
-        return self._as_estimate(knot)
+        now, belief = self._now
+        known = dict(zip(self._times, self._inputs, strict=True)) | dict(inputs)
+        for stop in [*sorted(t for t in known if now < t < tick), tick]:
+            u = known[max(t for t in known if t <= now)]
+            belief, now = self._advanced(belief, u, now, stop), stop
+        return self._as_estimate(now, belief)
 
-    def _as_estimate(self, knot: _Knot) -> Estimate:
-        nx = self.process.nx
-        whole = knot.s * self.process.scale
-        return Estimate(knot.tick * TICK, whole[:nx], whole[nx:], knot.P)
+    @property
+    def innovations(self) -> list[Innovation]:
+        """Of the readings that were looked at since the start, by their times; the last 100,000."""
+        return [*self._settled, *(one for knot in self._knots for one in knot.seen)]
 
-    def _stops(self, tick: int) -> list[int]:
-        """Times to come until `tick`: readings, new inputs, and `tick`."""
-        now = self._knots[-1].tick
-        stops = {sample.stamp for sample in self._samples} | {t for t, _ in self._inputs} | {tick}
-        return sorted(t for t in stops if now < t <= tick)
+    @property
+    def opened(self) -> list[int]:
+        """Ticks at which readings were turned away for so long that the covariance was opened."""
+        return [*self._opened, *(knot.tick for knot in self._knots if knot.opened)]
 
-    def _taken(self, tick: int) -> list[Sample]:
-        return [sample for sample in self._samples if sample.stamp == tick]
+    @property
+    def health(self) -> list[Health]:
+        """Of each sensor, as of the last estimate."""
+        reasons = [counter.copy() for counter in self._reasons]
+        for one in (one for knot in self._knots for one in knot.seen if not one.accepted):
+            reasons[one.sensor]["too far"] += 1
+        trust = self._now[1].trust
+        return [Health(one.good, why) for one, why in zip(trust, reasons, strict=True)]
+
+    def _as_estimate(self, tick: int, belief: Belief) -> Estimate:
+        whole = belief.s * self.process.scale
+        return Estimate(tick * TICK, whole[: self.process.nx], whole[self.process.nx :], belief.P)
 
     # --- steps -----------------------------------------------------------------------------------
 
+    def _stops(self, now: int, tick: int) -> list[int]:
+        """Times of readings and new inputs after `now` until `tick`."""
+        first = bisect_left(self._samples, now + 1, key=_stamp)
+        last = bisect_left(self._samples, tick + 1, key=_stamp)
+        stops = {sample.stamp for sample in self._samples[first:last]}
+        stops.update(t for t in self._times if now < t <= tick)
+        return sorted(stops)
+
     def _input(self, tick: int) -> Array:
         """The input that holds from this time on."""
-        place = bisect_right([t for t, _ in self._inputs], tick) - 1
-        return self._inputs[max(place, 0)][1]
+        return self._inputs[max(bisect_right(self._times, tick) - 1, 0)]
 
-    def _moved(self, knot: _Knot, tick: int) -> _Knot:
-        return self._advanced(knot, self._input(knot.tick), tick)
+    def _moved(self, tick: int) -> Belief:
+        """The last knot's belief after its readings, moved on to a time."""
+        knot = self._knots[-1]
+        if knot.after is None:
+            self._take_readings(knot)
+        after = knot.after
+        assert after is not None
+        if self._tail is None or self._tail[0] is not after or self._tail[1] != tick:
+            there = self._advanced(after, self._input(knot.tick), knot.tick, tick)
+            self._tail = after, tick, there
+        return self._tail[2]
 
-    def _advanced(self, knot: _Knot, u: Array, tick: int) -> _Knot:
-        if tick == knot.tick:
-            return knot
-        length = (tick - knot.tick) * TICK
+    def _advanced(self, belief: Belief, u: Array, now: int, tick: int) -> Belief:
+        if tick <= now:
+            return belief
+        length = (tick - now) * TICK
         pieces = max(1, int(np.ceil(length / LONGEST - 1e-9)))
-        s, P, a = knot.s, knot.P, knot.a
+        s, P, a, trust = belief
         for _ in range(pieces):
             s, A, a = self.process.advance(s, u, length / pieces, a)
             P = predicted(P, A, self.process.spread(length / pieces))
-        return _Knot(tick, s, P, a)
+        return Belief(s, P, a, trust)
 
-    def _corrected(self, knot: _Knot, sample: Sample) -> _Knot:
-        i, p = sample.sensor, self.process
-        u = self._input(knot.tick - 1)  # what was applied until then
-        x = knot.s[: p.nx] * p.scale[: p.nx]
-        given = u + p.disturbance.G @ knot.s[p.nx :]
-        y, slope = self.readings[i](x, given)
-        H = np.hstack([slope * p.scale[: p.nx], self.readings[i].by_u @ p.disturbance.G])
-        e = sample.value - y
-        S = H @ knot.P @ H.T + np.diag(self._R[i])
-        nis = float(e @ np.linalg.solve(S, e))
-        accepted = nis <= gate(len(e), MISS)
-        spread = np.sqrt(np.diag(S))
-        self._recent.append(Innovation(i, sample.stamp, e, spread, nis, accepted))
-        if not accepted:
-            return self._refused(knot, i)
-        self.health[i].good, self.health[i].refused_since = knot.tick, None
-        s, P = updated(knot.s, knot.P, e, H, self._R[i], S)
-        return _Knot(knot.tick, s, P, knot.a)
+    def _take_readings(self, knot: Knot) -> None:
+        """Let the readings of a knot's time count."""
+        belief, u = knot.before, self._input(knot.tick - 1)  # what was applied until then
+        place = bisect_left(self._samples, knot.tick, key=_stamp)
+        for sample in self._samples[place:]:
+            if sample.stamp > knot.tick:
+                break
+            belief = self._corrected(knot, belief, sample, u)
+        knot.after = belief
 
-    def _refused(self, knot: _Knot, sensor: int) -> _Knot:
-        """Turn a reading away; after some time, doubt the estimate instead."""
-        health = self.health[sensor]
-        if health.refused_since is None or health.refused_since > knot.tick:
-            health.refused_since = knot.tick
-        if knot.tick - health.refused_since < OPEN_AFTER:
-            return knot
-        health.refused_since = None
-        self.opened.append(knot.tick)
-        P = knot.P.copy()
-        P[np.diag_indices_from(P)] += self._spread
-        return _Knot(knot.tick, knot.s, P, knot.a)
+    def _seen(self, i: int, s: Array, u: Array) -> tuple[Array, Array]:
+        """What a sensor should read, and the slope of that in s."""
+        p = self.process
+        y, slope = self.readings[i](s[: p.nx] * p.scale[: p.nx], u + p.disturbance.G @ s[p.nx :])
+        H = np.empty((len(y), p.size))
+        H[:, : p.nx], H[:, p.nx :] = slope * p.scale[: p.nx], self._by_d[i]
+        return y, H
+
+    def _corrected(self, knot: Knot, belief: Belief, sample: Sample, u: Array) -> Belief:
+        i, (s, P, a, trust) = sample.sensor, belief
+        y, H = self._seen(i, s, u)
+        found = expected(P, sample.value - y, H, self._R[i])
+        accepted = found.nis <= self._gates[i]
+        knot.seen.append(
+            Innovation(i, sample.stamp, found.e, np.sqrt(found.variances), found.nis, accepted)
+        )
+        if accepted:
+            s, P = updated(s, P, H, self._R[i], found)
+            return Belief(s, P, a, _with(trust, i, Trust(knot.tick)))
+        now = trust[i]
+        now = Trust(now.good, now.since if now.refused else knot.tick, now.refused + 1)
+        ticks, readings = OPEN_AFTER
+        if knot.tick - now.since >= ticks and now.refused >= readings:
+            knot.opened, now = True, Trust(now.good)
+            P = P + np.diag(self._spread)
+        return Belief(s, P, a, _with(trust, i, now))
 
     def _prune(self, tick: int) -> None:
         """Forget what no reading can come before any more."""
-        oldest = tick - MEMORY
-        while len(self._knots) > 1 and self._knots[1].tick <= oldest:
-            del self._knots[0]
+        while len(self._knots) > 1 and self._knots[1].tick <= tick - MEMORY:
+            knot = self._knots.pop(0)
+            self._settled += knot.seen
+            self._opened += [knot.tick] * knot.opened
+            for one in knot.seen:
+                if not one.accepted:
+                    self._reasons[one.sensor]["too far"] += 1
         first = self._knots[0].tick
-        self._samples = [sample for sample in self._samples if sample.stamp > first]
-        settled = [one for one in self._recent if one.stamp <= first]
-        self._settled += settled
-        del self._recent[: len(settled)]
-        for one in settled:
-            if not one.accepted:
-                self.health[one.sensor].reasons["too far"] += 1
-        while len(self._inputs) > 1 and self._inputs[1][0] <= first:
-            del self._inputs[0]
+        del self._samples[: bisect_left(self._samples, first, key=_stamp)]
+        old = max(bisect_right(self._times, first - 1) - 1, 0)
+        del self._times[:old], self._inputs[:old]
 
 
 def _stamp(sample: Sample) -> int:
     return sample.stamp
+
+
+def _with(trust: tuple[Trust, ...], i: int, one: Trust) -> tuple[Trust, ...]:
+    return (*trust[:i], one, *trust[i + 1 :])
+
+
+def _finite(name: str, value: Array, size: int) -> Array:
+    """A copy of a vector; raises `InputError` for another size, or numbers that are not finite."""
+    found = np.array(value, float).ravel()
+    if len(found) != size or not np.all(np.isfinite(found)):
+        raise InputError(f"Estimator: {name} = {value!r}: must be {size} finite numbers")
+    return found

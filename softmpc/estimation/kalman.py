@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
+from scipy.linalg.lapack import dposv
+from scipy.special import chdtri  # scipy.stats takes a second to import
 
-__all__ = ["Innovation", "gate", "predicted", "updated"]
+__all__ = ["Expected", "Innovation", "expected", "gate", "predicted", "updated"]
 
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Innovation:
     """A reading less what was expected (SI), its standard deviation, and the normalised square."""
 
@@ -24,27 +25,60 @@ class Innovation:
     accepted: bool
 
 
-@lru_cache(maxsize=32)
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """An innovation e beside its covariance S, and what an update needs of both."""
+
+    e: Array
+    HP: Array
+    variances: Array  # diagonal of S
+    gain: Array  # n×m
+    weighted: Array  # S⁻¹ e
+
+    @property
+    def nis(self) -> float:
+        return float(self.e @ self.weighted)
+
+
 def gate(size: int, miss: float) -> float:
     """The square that one in 1/miss good innovations of `size` numbers exceeds (χ²)."""
-    from scipy.special import chdtri  # scipy.stats takes a second to import
-
     return float(chdtri(size, miss))
 
 
 def predicted(P: Array, A: Array, Q: Array) -> Array:
     """Covariance after a step with slope A and the diagonal Q."""
     after = A @ P @ A.T
-    after[np.diag_indices_from(after)] += Q
-    return np.asarray(0.5 * (after + after.T))
+    after += after.T
+    after *= 0.5
+    after.reshape(-1)[:: len(after) + 1] += Q
+    return np.asarray(after)
 
 
-def updated(s: Array, P: Array, e: Array, H: Array, R: Array, S: Array) -> tuple[Array, Array]:
-    """State and covariance after an innovation e with slope H, noise R (diagonal) and spread S.
+def expected(P: Array, e: Array, H: Array, R: Array) -> Expected:
+    """What an innovation e with slope H and noise R (diagonal) means before covariance P.
 
-    Joseph's form: symmetric and positive whatever the rounding of the gain.
+    Raises `LinAlgError` where its covariance is not positive definite.
     """
-    K = np.linalg.solve(S, H @ P).T
-    rest = np.eye(len(s)) - K @ H
-    after = rest @ P @ rest.T + (K * R) @ K.T
-    return s + K @ e, 0.5 * (after + after.T)
+    HP = H @ P
+    S = HP @ H.T
+    S.reshape(-1)[:: len(S) + 1] += R
+    right = np.empty((len(e), len(P) + 1), order="F")
+    right[:, :-1], right[:, -1] = HP, e
+    _, found, wrong = dposv(S, right)
+    if wrong:
+        raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
+    return Expected(e, HP, S.diagonal(), found[:, :-1].T, found[:, -1])
+
+
+def updated(s: Array, P: Array, H: Array, R: Array, of: Expected) -> tuple[Array, Array]:
+    """State and covariance after an innovation.
+
+    Joseph's form, (I - K H) P (I - K H)ᵀ + K R Kᵀ, one factor after the other: symmetric and
+    positive whatever the rounding of the gain K, and as cheap as the plain one.
+    """
+    K = of.gain
+    once = P - K @ of.HP
+    after = once - (once @ H.T - K * R) @ K.T
+    after += after.T
+    after *= 0.5
+    return s + K @ of.e, after

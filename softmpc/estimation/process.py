@@ -11,17 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from softmpc.control.discretise import held_input
-from softmpc.control.step_form import StepForm
 from softmpc.control.transcription import require_linear_drive
-from softmpc.estimation.arm_step import ArmStep, Moved
+from softmpc.estimation.arm_step import ArmStep, Length
 from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
 
 __all__ = ["Process", "ProcessNoise"]
 
 Array = np.ndarray
-CONVERGED = 0.01  # scaled change of the stages in the last of quadratically converging iterations
-ROUNDS = 4  # of those iterations
 KEPT = 64  # lengths of steps whose matrices are kept
 
 
@@ -37,12 +34,15 @@ class ProcessNoise:
 
 
 @dataclass(frozen=True)
-class _Length:
-    """What belongs to one length of a step."""
+class _Step:
+    """All of a step of one length that does not depend on the state; s is scaled, the rest SI."""
 
-    form: StepForm
-    phi: list[Array]
-    gamma: list[Array]
+    arm: Length
+    drive_by_s: Array  # of the pressures at the stages, and of the drive's states at the end
+    drive_by_u: Array
+    slope: Array  # of s after the step in s, without what the unknowns bring
+    ends: Array  # arm's rows of s by the unknowns
+    enters: Array  # the unknowns' causes (q, dq, pressures at the stages, force) by s
 
 
 class Process:
@@ -57,8 +57,8 @@ class Process:
         self.size = self.nx + len(disturbance)
         self.scale = np.concatenate([model.layout.x.scale, np.ones(len(disturbance))])
         self.arm = ArmStep(model, mode)
-        self.unknowns = len(self.arm.tableau.c) * self.n  # of the stages of a step
-        self._lengths: dict[float, _Length] = {}
+        self.unknowns = self.arm.unknowns  # of the stages of a step
+        self._steps: dict[float, _Step] = {}
         self._intensity = self._intensities()
 
     def _intensities(self) -> Array:
@@ -77,24 +77,33 @@ class Process:
         """Covariance that a time of `length` seconds adds, its diagonal."""
         return self._intensity * length
 
-    def _length(self, length: float) -> _Length:
+    def _step(self, length: float) -> _Step:
         key = round(length, 9)
-        if key not in self._lengths:
-            if len(self._lengths) >= KEPT:
-                self._lengths.clear()
-            drive = self.model.drive
-            pairs = [held_input(drive.A, drive.B, c * length) for c in self.arm.tableau.c]
-            phi, gamma = ([pair[i] for pair in pairs] for i in (0, 1))
-            self._lengths[key] = _Length(self.arm.form(length), phi, gamma)
-        return self._lengths[key]
+        if key not in self._steps:
+            if len(self._steps) >= KEPT:
+                self._steps.clear()
+            self._steps[key] = self._prepared(length)
+        return self._steps[key]
 
-    def _moved(self, q: Array, dq: Array, p: Array, f: Array, a: Array, form: StepForm) -> Moved:
-        for _ in range(ROUNDS):
-            moved = self.arm.advance(q, dq, p, f, a, form)
-            if moved.change <= CONVERGED:
-                return moved
-            a = moved.a if np.all(np.isfinite(moved.a)) else np.zeros_like(a)
-        raise ArithmeticError(f"the stages of a step end {moved.change:.3g} of their size apart")
+    def _prepared(self, length: float) -> _Step:
+        drive, d, arm = self.model.drive, self.disturbance, self.arm.length(length)
+        pairs = [held_input(drive.A, drive.B, c * length) for c in self.arm.tableau.c]
+        phi, gamma = ([pair[i] for pair in pairs] for i in (0, 1))
+        by_z = np.vstack([*(drive.C @ one for one in phi), phi[-1]])
+        by_u = np.vstack([*(drive.C @ one + drive.D for one in gamma), gamma[-1]])
+        ends, wet = 2 * self.n, slice(2 * self.n, self.nx)
+        drive_by_s = np.zeros((len(by_u), self.size))
+        drive_by_s[:, wet], drive_by_s[:, self.nx :] = by_z, by_u @ d.G
+        drive_by_s *= self.scale
+        slope = np.diag(self.scale)
+        slope[:ends, :ends] = arm.by_start * self.scale[:ends]
+        slope[wet] = drive_by_s[len(by_u) - len(drive.A) :]
+        enters = np.zeros((ends + len(by_u) - len(drive.A) + self.n, self.size))
+        enters[:ends, :ends] = np.diag(self.scale[:ends])
+        enters[ends : -self.n] = drive_by_s[: len(by_u) - len(drive.A)]
+        enters[-self.n :, self.nx :] = d.F
+        small = arm.by_unknowns / self.scale[:ends, None]
+        return _Step(arm, drive_by_s, by_u, slope / self.scale[:, None], small, enters)
 
     def advance(self, s: Array, u: Array, length: float, a: Array) -> tuple[Array, Array, Array]:
         """s after `length` seconds under the input u (k, SI), its slope in s, and the new a.
@@ -102,20 +111,15 @@ class Process:
         `a` holds unknowns of the stages of a step before, where the iterations begin. Raises
         `ArithmeticError` where they end nowhere.
         """
-        n, of, drive = self.n, self._length(length), self.model.drive
-        x, d = (s * self.scale)[: self.nx], s[self.nx :]
-        q, dq, z = x[:n], x[n : 2 * n], x[2 * n :]
-        given = u + self.disturbance.G @ d
-        states = [phi @ z + gamma @ given for phi, gamma in zip(of.phi, of.gamma, strict=True)]
-        p = np.array([drive.C @ state + drive.D @ given for state in states])
-        moved = self._moved(q, dq, p, self.disturbance.F @ d, a, of.form)
-        after = np.concatenate([moved.q, moved.dq, states[-1], d]) / self.scale
-        A = np.zeros((self.size, self.size))
-        arm, wet = slice(0, 2 * n), slice(2 * n, self.nx)
-        A[arm, :n], A[arm, n : 2 * n] = moved.by_q, moved.by_dq
-        A[arm, wet] = moved.by_p @ np.vstack([drive.C @ phi for phi in of.phi])
-        by_given = moved.by_p @ np.vstack([drive.C @ gamma + drive.D for gamma in of.gamma])
-        A[arm, self.nx :] = moved.by_f @ self.disturbance.F + by_given @ self.disturbance.G
-        A[wet, wet], A[wet, self.nx :] = of.phi[-1], of.gamma[-1] @ self.disturbance.G
-        A[self.nx :, self.nx :] = np.eye(len(d))
-        return after, A * self.scale / self.scale[:, None], moved.a
+        of, ends = self._step(length), 2 * self.n
+        wet = of.drive_by_s @ s + of.drive_by_u @ u
+        stages = len(wet) - (self.nx - ends)
+        force = self.disturbance.F @ s[self.nx :]
+        y = s[:ends] * self.scale[:ends]
+        a, slopes = self.arm.solve(y, wet[:stages], force, a, of.arm)
+        after = s.copy()
+        after[:ends] = of.slope[:ends, :ends] @ s[:ends] + of.ends @ a
+        after[ends : self.nx] = wet[stages:] / self.scale[ends : self.nx]
+        A = of.slope.copy()
+        A[:ends] += of.ends @ (slopes @ of.enters)
+        return after, A, a

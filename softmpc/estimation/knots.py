@@ -1,0 +1,76 @@
+"""What a filter believes at a time, and the times between which it moves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from softmpc.estimation.kalman import Innovation
+from softmpc.estimation.sensing import Sample
+
+__all__ = ["Belief", "Estimate", "Health", "Knot", "Trust", "by_stamp"]
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """State x (nx, SI) and disturbance d (scaled), their covariance scaled, and its time (s)."""
+
+    time: float
+    x: Array
+    d: Array
+    P: Array
+
+    def deviations(self, scale: Array) -> Array:
+        """Standard deviations of x in SI; `scale` is that of the model's states."""
+        n = len(self.x)
+        return np.asarray(np.sqrt(np.diag(self.P)[:n]) * scale)
+
+
+class Trust(NamedTuple):
+    """Of one sensor: ticks of its last good reading, and of the first of those turned away since.
+
+    `refused` is how many those are.
+    """
+
+    good: int
+    since: int = 0
+    refused: int = 0
+
+
+class Belief(NamedTuple):
+    """Scaled state and covariance, unknowns of the last step's stages, trust in each sensor."""
+
+    s: Array
+    P: Array
+    a: Array
+    trust: tuple[Trust, ...]
+
+
+@dataclass(slots=True)
+class Knot:
+    """A time at which readings were taken or an input changed: what is believed before them and,
+    once that was asked for, after them."""
+
+    tick: int
+    before: Belief
+    after: Belief | None = None
+    seen: list[Innovation] = field(default_factory=list)
+    opened: bool = False  # whether its readings made the filter doubt itself
+
+
+@dataclass(frozen=True)
+class Health:
+    """Of one sensor: tick of its last good reading, and how many were left out, by reason."""
+
+    good: int
+    reasons: Counter[str]
+
+
+def by_stamp(sample: Sample) -> tuple[int, int]:
+    """The order in which readings count, whatever that of their arrival."""
+    return sample.stamp, sample.sensor
