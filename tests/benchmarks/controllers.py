@@ -3,9 +3,10 @@
     python -m tests.benchmarks.controllers [--quick]
 
 The arm follows a circle of 8 cm, 4 s a lap, for its plant integrated by IDAS. Every row is a
-process of its own with one thread; times are those of whole controller steps, Python included:
-wall time, and processor time, which other work on the machine does not change so much.
-"Saturated" is the same circle with the torque limited to less than it asks for.
+process of its own; times are those of whole controller steps, Python included: wall time, and
+processor time, which other work on the machine does not change so much. "Saturated" is the same
+circle with the torque limited to less than it asks for, "too weak" to less than holds the arm up:
+it falls. "Cold" is from the start of Python to a controller, nothing compiled before.
 """
 
 from __future__ import annotations
@@ -19,26 +20,25 @@ import tempfile
 import time
 from typing import Any
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 CENTER, DIAMETER, LAP = (0.12, 0.0, 0.57), 0.08, 4.0
 STEP, FIRST = 0.025, 3  # steps before FIRST are not counted in step times
-FULL, LOW = 2.5, 0.9  # N·m, torque limits: never reached, and reached
+FULL, SATURATED, WEAK = 2.5, 0.8, 0.7  # N·m, torque limits
 SOLVERS = {"IPOPT": "ipopt", "Fatrop": "fatrop", "SQP": "sqp", "RTI": "real-time"}
+BEGAN = "SOFTMPC_BENCHMARK_BEGAN"  # when a process was started
+BLOCKS = (1, 1, 2, 4, 12)  # intervals that share a move
 
 
-def one(solver: str, segments: int, intervals: int, steps: int, top: float) -> dict[str, Any]:
+def one(
+    solver: str, segments: int, intervals: int, steps: int, top: float, **options: Any
+) -> dict[str, Any]:
     """A closed loop in this process."""
-    began = time.perf_counter()
     from softmpc.control.mpc import Mpc
     from softmpc.control.solvers import make_solver
 
     reference, model, start, transcription = setting(segments, intervals, top)
-    built = time.perf_counter()
-    controller = Mpc(transcription, make_solver(solver, transcription))
-    build = time.perf_counter() - built
-    return run(controller, reference, model, start, steps, top) | {
-        "build": build, "ready": built + build - began
-    }  # fmt: skip
+    controller = Mpc(transcription, make_solver(solver, transcription, **options))
+    cold = time.time() - float(os.environ[BEGAN]), sum(os.times()[:4])
+    return run(controller, reference, model, start, steps, top) | {"cold": cold}
 
 
 def setting(segments: int, intervals: int, top: float) -> tuple[Any, ...]:
@@ -93,11 +93,12 @@ def run(mpc: Any, reference: Any, model: Any, start: Any, steps: int, top: float
     }
 
 
-def measured(mode: str = "never", **call: Any) -> dict[str, Any]:
-    """The answer of a process of its own, which finds nothing compiled before."""
-    with tempfile.TemporaryDirectory() as cache:
-        variables = {**os.environ, **dict.fromkeys(THREADS, "1")}
-        variables |= {"SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache}
+def measured(cache: str | None, mode: str = "never", **call: Any) -> dict[str, Any]:
+    """The answer of a process of its own; without `cache` it finds nothing compiled before."""
+    with tempfile.TemporaryDirectory() as empty:
+        variables = {name: value for name, value in os.environ.items() if "THREADS" not in name}
+        variables |= {"SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache or empty}
+        variables[BEGAN] = str(time.time())
         command = [sys.executable, "-m", "tests.benchmarks.controllers", "--one", json.dumps(call)]
         done = subprocess.run(command, capture_output=True, text=True, env=variables)
     if done.returncode:
@@ -112,56 +113,69 @@ def percentiles(ms: list[float]) -> str:
     return "  ".join(f"{value:8.1f}" for value in np.percentile(ms, [50, 95, 100]))
 
 
-def step_times(steps: int) -> None:
+def step_times(cache: str, steps: int) -> None:
     print(f"\nStep times, N = 20, 2 × 1 segments, {steps} steps (ms: median, 95 %, 100 %)")
-    print("solver  compiled  torque       50 %      95 %     100 %   CPU 50 %  iterations  "
-          "cost/IPOPT  at limit  failed  build s")  # fmt: skip
-    for top, word in ((FULL, "free"), (LOW, "saturated")):
-        rows = [(name, "never") for name in SOLVERS] + [("SQP", "auto"), ("RTI", "auto")]
+    print("solver   compiled  torque          50 %      95 %     100 %   CPU 50 %  iterations  "
+          "cost/IPOPT  at limit  failed")  # fmt: skip
+    fast = [("SQP", "auto"), ("RTI", "auto"), ("blocked", "auto")]
+    rows = [*((name, "never") for name in SOLVERS), *fast]
+    for top, word in ((FULL, "free"), (SATURATED, "saturated"), (WEAK, "too weak")):
         best = 0.0
-        for name, mode in rows:
-            found = measured(
-                mode, solver=SOLVERS[name], segments=1, intervals=20, steps=steps, top=top
-            )
+        for name, mode in rows if top > WEAK else rows[3:]:
+            call: dict[str, Any] = {"solver": SOLVERS.get(name, "real-time"), "top": top}
+            call |= {"blocks": BLOCKS} if name == "blocked" else {}
+            found = measured(cache, mode, segments=1, intervals=20, steps=steps, **call)
             best = best or found["cost"]
+            ratio = f"{found['cost'] / best:10.4f}" if top > WEAK else 10 * " "
             print(
-                f"{name:6}  {'yes' if mode == 'auto' else 'no':8}  {word:9}  "
+                f"{name:7}  {'yes' if mode == 'auto' else 'no':8}  {word:9}  "
                 f"{percentiles(found['ms'])}  {middle(found['cpu']):9.1f}  "
-                f"{found['iterations']:10.1f}  "
-                f"{found['cost'] / best:10.4f}  {found['at_limit']:8.2f}  "
-                f"{found['failed']:6d}  "
-                f"{found['build']:7.1f}",
+                f"{found['iterations']:10.1f}  {ratio}  {found['at_limit']:8.2f}  "
+                f"{found['failed']:6d}",
                 flush=True,
             )
 
 
-def closed_loop(steps: int) -> None:
+def closed_loop(cache: str, steps: int) -> None:
     print(f"\nClosed-loop cost, {steps} steps: real-time iteration over SQP to convergence")
-    for top, word in ((FULL, "free"), (LOW, "saturated")):
+    for top, word in ((FULL, "free"), (SATURATED, "saturated")):
         call = {"segments": 1, "intervals": 20, "steps": steps, "top": top}
-        rti, sqp = (measured("auto", solver=name, **call) for name in ("real-time", "sqp"))
+        rti, sqp = (measured(cache, "auto", solver=name, **call) for name in ("real-time", "sqp"))
         print(f"{word:9}  {rti['cost']:.6g} / {sqp['cost']:.6g} = {rti['cost'] / sqp['cost']:.5f}",
               flush=True)  # fmt: skip
 
 
 def growth(steps: int, quick: bool) -> None:
-    print("\nGrowth (medians of processor time; ms a step of RTI, ms an iteration of the "
-          "others), not compiled but for RTI*")  # fmt: skip
-    print("segments   N       RTI      RTI*   build*   IPOPT    Fatrop")
+    print("\nGrowth (medians of processor time): ms a step of RTI, ms an iteration of the "
+          "others; RTI* is compiled,\nand so cold starts")  # fmt: skip
+    print("segments   N       RTI      RTI*     IPOPT    Fatrop   cold s  cold CPU s")
     sizes = [(1, 10), (1, 20), (1, 40), (2, 20), (4, 20)]
-    for segments, intervals in sizes[:3] if quick else sizes:
-        call = {"segments": segments, "intervals": intervals, "steps": steps, "top": FULL}
-        rti = measured(solver="real-time", **call)
-        fast = measured("auto", solver="real-time", **call)
-        each = []
+    found: dict[tuple[int, int], list[float]] = {}
+    for size in sizes[:3] if quick else sizes:
+        call = {"segments": size[0], "intervals": size[1], "top": FULL}
+        rti = measured(None, solver="real-time", steps=steps, **call)
+        fast = measured(None, "auto", solver="real-time", steps=steps, **call)
+        row = [middle(rti["cpu"]), middle(fast["cpu"])]
         for name in ("ipopt", "fatrop"):
-            found = measured(solver=name, **(call | {"steps": FIRST + 4}))
-            each.append(middle(found["cpu"]) / found["iterations"])
-        print(
-            f"{segments:8d}  {intervals:2d}  {middle(rti['cpu']):8.2f}  "
-            f"{middle(fast['cpu']):8.2f}  {fast['build']:7.1f}  {each[0]:6.1f}  {each[1]:8.1f}",
-            flush=True,
-        )
+            each = measured(None, solver=name, steps=FIRST + 4, **call)
+            row.append(middle(each["cpu"]) / each["iterations"])
+        found[size] = row
+        times = "  ".join(f"{value:8.2f}" for value in row)
+        print(f"{size[0]:8d}  {size[1]:2d}  {times}  {fast['cold'][0]:7.1f}  "
+              f"{fast['cold'][1]:10.1f}", flush=True)  # fmt: skip
+    for word, chosen in (("N", sizes[:3]), ("segments", [sizes[1], *sizes[3:]])):
+        if all(size in found for size in chosen):
+            print(f"grow with {word:8} to the power of  {exponents(chosen, found)}")
+
+
+def exponents(sizes: list[tuple[int, int]], found: dict[tuple[int, int], list[float]]) -> str:
+    """Slopes of the lines through logarithms of times over those of sizes, by least squares."""
+    import numpy as np
+
+    times = np.log([found[size] for size in sizes])
+    slopes = np.polyfit(np.log([a * b for a, b in sizes]), times, 1)[0]
+    names = ("RTI", "RTI*", "IPOPT", "Fatrop")
+    return "  ".join(f"{name} {slope:.2f}" for name, slope in zip(names, slopes, strict=True))
 
 
 def middle(ms: list[float]) -> float:
@@ -178,9 +192,10 @@ def main() -> None:
     if given.one:
         print(json.dumps(one(**given.one)))
         return
-    print(f"{os.cpu_count()} cores, one thread a process, load {os.getloadavg()[0]:.1f}")
-    closed_loop(40 if given.quick else 160)
-    step_times(12 if given.quick else 80)
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    with tempfile.TemporaryDirectory() as cache:
+        closed_loop(cache, 40 if given.quick else 160)
+        step_times(cache, 12 if given.quick else 40)
     growth(12 if given.quick else 40, given.quick)
 
 
