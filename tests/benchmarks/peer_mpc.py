@@ -1,140 +1,246 @@
 """One controller step beside do-mpc, on the same problem: `python -m tests.benchmarks.peer_mpc`.
 
-Needs `pip install do-mpc`. Both follow the same circle with the same model (ours), costs, horizon,
-step and Radau collocation of two stages, from the same states. do-mpc solves to convergence by
-IPOPT with the exact Hessian, as it always does. First both solve from two states
-beside rest, and their costs are compared. Near rest they agree to 1 %, further off they do not; why
-is open (do-mpc integrates the stiff hydraulics by collocation, we exactly, but more collocation
-points do not bring the two together). Then come step times in closed loop.
+Needs `pip install do-mpc`, which softmpc does not depend on; without it one line says so and the
+exit status is 2. It is 1 where the two do not solve the same problem.
+
+The arm follows a circle of 8 cm. Both packages get the same model (ours), costs, torque limits (and
+no others), horizon and step. Every row is a process of its own with one thread, and gets the same
+states, those of a closed loop with real-time iteration and IDAS as the plant.
+
+do-mpc has three rows, see `same_problem`. It solves by IPOPT with the exact Hessian, here to a
+tolerance of 1e-6, and starts from its last solution.
+
+First come costs of the optimum from single states, without warm start. Ours with five stages an
+interval instead of two tells where two are enough: there collocation has to agree to 1 %, our step
+everywhere. Where a posture jumps, stretch oscillates faster than a step of 25 ms resolves.
+Then come step times. `--refine` prints only how the two meet with more points an interval.
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
+import json
 import os
+import resource
+import subprocess
 import sys
+import tempfile
 import time
-import warnings
 from typing import Any
 
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+for name in THREADS:
     os.environ.setdefault(name, "1")
 
 import casadi as ca  # noqa: E402
 import numpy as np  # noqa: E402
 
-from tests.benchmarks.controllers import FULL, STEP, setting  # noqa: E402
+from tests.benchmarks.same_problem import (  # noqa: E402
+    FULL,
+    INTERVALS,
+    STEP,
+    Ours,
+    Problem,
+    Theirs,
+    make,
+)
 
-INTERVALS, STEPS, OURS = 20, 4, 40
-
-
-def peer(model: Any, t: Any, targets: Any) -> Any:
-    """The controller of do-mpc; `targets(time)` are the references at and after a time (N+1×3)."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        from do_mpc.controller import MPC
-        from do_mpc.model import Model
-
-    theirs = Model("continuous", "MX")
-    x = theirs.set_variable("_x", "x", shape=(t.nx, 1))
-    u = theirs.set_variable("_u", "u", shape=(t.inputs, 1))
-    tip = theirs.set_variable("_tvp", "tip", shape=(3, 1))
-    theirs.set_rhs("x", model.x_dot(x, u))
-    theirs.setup()
-    mpc = MPC(theirs)
-    mpc.set_param(
-        n_horizon=INTERVALS, t_step=STEP, state_discretization="collocation",
-        collocation_type="radau", collocation_deg=2, collocation_ni=1, store_full_solution=False,
-        nlpsol_opts={"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": 0, "ipopt.tol": 1e-6},
-    )  # fmt: skip
-    state, effort = costs(model, t, x, u, tip)
-    mpc.set_objective(mterm=state, lterm=state + effort)
-    deviation = next(c.deviation for c in t.ocp.costs if c.name == "torque rate")
-    scale = t.u_scale[: t.inputs]
-    mpc.set_rterm(u=0.5 / (scale * deviation) ** 2)
-    mpc.scaling["_x", "x"], mpc.scaling["_u", "u"] = t.x_scale, scale
-    mpc.bounds["lower", "_u", "u"], mpc.bounds["upper", "_u", "u"] = 0.0, FULL
-    template = mpc.get_tvp_template()
-
-    def tvp(now: float) -> Any:
-        for k, place in enumerate(targets(float(np.ravel(now)[0]))):
-            template["_tvp", k, "tip"] = place
-        return template
-
-    mpc.set_tvp_fun(tvp)
-    mpc.setup()
-    return mpc
+AT = 40  # the loop's steps from AT on are timed; the first of them is left out
+SAME = 0.01  # largest relative difference of costs
+EXACT = 5  # stages
+JUMP = "strains jumped by 0.01"  # of their scale
+# Row -> what controls, SOFTMPC_COMPILE, steps.
+ROWS = {
+    "do-mpc, collocation": ("collocation", "never", 5),
+    "do-mpc, our step": ("our step", "never", 5),
+    "do-mpc, our step, tuned": ("tuned", "never", 11),
+    "softmpc, SQP": ("sqp", "never", 41),
+    "softmpc, RTI": ("real-time", "never", 41),
+    "softmpc, SQP, compiled": ("sqp", "require", 41),
+    "softmpc, RTI, compiled": ("real-time", "require", 41),
+}
+Answer = dict[str, Any]
 
 
-def costs(model: Any, t: Any, x: Any, u: Any, tip: Any) -> tuple[Any, Any]:
-    """Our costs, written anew: those of a state, and those of an input."""
-    by = {c.name: c.deviation for c in t.ocp.costs}
-    n = model.strains
-    off = (model.tip(x[:n]) - tip) / by["tip"]
-    rates = x[n : 2 * n] / model.layout.dq.scale / by["strain rate"]
-    effort = u / model.layout.u.scale / by["torque"]
-    return 0.5 * (ca.sumsqr(off) + ca.sumsqr(rates)), 0.5 * ca.sumsqr(effort)
+# --- states --------------------------------------------------------------------------------------
+
+
+def loop(problem: Problem, steps: int) -> list[tuple[list[float], list[float], float]]:
+    """States, inputs before them and times of a closed loop."""
+    from softmpc.simulation.idas import Idas
+
+    plant, controller = Idas(problem.model, 1e-8), Ours(problem, "real-time")
+    x, u, found = problem.start.x, problem.start.u, []
+    for k in range(steps):
+        found.append((x.tolist(), u.tolist(), k * STEP))
+        u = controller.step(x, u, k * STEP)
+        x = plant.advance(x, u, STEP, 1)[-1]
+    return found
+
+
+def single(problem: Problem, moving: list[Any]) -> dict[str, Any]:
+    """States from which costs are compared: (x, input before, time) by name."""
+    from softmpc.statics.equilibrium import find_equilibrium, pressures_from_torques
+
+    model, start, t = problem.model, problem.start, problem.t
+    found = {f"moving, {moving[k][2]:g} s": moving[k] for k in (40, 80)}
+    for more in (0.02, 0.2):
+        torque = np.minimum(start.u + more * np.eye(t.inputs)[0], FULL)
+        q = find_equilibrium(model, pressures_from_torques(model, torque)).q
+        x = np.concatenate([q, 0 * q, model.drive.at_rest(torque)])
+        away = 1e3 * float(ca.norm_2(model.tip(q) - model.tip(start.x[: model.strains])))
+        found[f"at rest {away:.0f} mm away"] = (x.tolist(), torque.tolist(), 0.0)
+    x = start.x.copy()
+    x[: model.strains] += 0.01 * t.x_scale[: model.strains]
+    found[JUMP] = (x.tolist(), start.u.tolist(), 0.0)
+    return {"at rest": (start.x.tolist(), start.u.tolist(), 0.0), **found}
+
+
+# --- processes -----------------------------------------------------------------------------------
+
+
+def one(kind: str, steps: list[Any], singles: dict[str, Any]) -> Answer:
+    """A row in this process."""
+    problem = Problem()
+    began, before = time.perf_counter(), megabytes()
+    controller = make(problem, kind)
+    build, ms, cpu, inputs = time.perf_counter() - began, [], [], []
+    for x, u, now in steps:
+        state = np.array(x), np.array(u), now
+        began, worked = time.perf_counter(), time.process_time()
+        inputs.append(controller.step(*state).tolist())
+        ms.append(1e3 * (time.perf_counter() - began))
+        cpu.append(1e3 * (time.process_time() - worked))
+    answer = {"build": build, "ms": ms[1:], "cpu": cpu[1:], "inputs": inputs,
+              "before": before, "peak": megabytes()}  # fmt: skip
+    if kind != "real-time":
+        answer["costs"] = {
+            name: controller.cost(np.array(x), np.array(u), now)
+            for name, (x, u, now) in singles.items()
+        }
+    return answer
+
+
+def megabytes() -> float:
+    """Largest memory of this process until now."""
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
+
+
+def measured(kind: str, mode: str, steps: list[Any], singles: dict[str, Any]) -> Answer:
+    """The answer of a process of its own, which finds nothing compiled before."""
+    with tempfile.TemporaryDirectory() as cache:
+        variables = {**os.environ, **dict.fromkeys(THREADS, "1")}
+        variables |= {"SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache, "PYTHONWARNINGS": "ignore"}
+        call = json.dumps({"kind": kind, "steps": steps, "singles": singles})
+        command = [sys.executable, "-m", "tests.benchmarks.peer_mpc", "--one"]
+        done = subprocess.run(command, input=call, capture_output=True, text=True, env=variables)
+    if done.returncode:
+        sys.exit(f"{kind} failed:\n{done.stderr}")
+    answer: Answer = json.loads(done.stdout.splitlines()[-1])
+    return answer
+
+
+# --- what is printed -----------------------------------------------------------------------------
+
+
+def same_problem(found: dict[str, Answer], exact: dict[str, float]) -> bool:
+    """Print costs; whether do-mpc's are ours within 1 %, collocated ones where 5 stages are too."""
+    ours, columns = found["softmpc, SQP"]["costs"], list(ROWS)[:3]
+    print(f"\nCost of the optimum, and how far from it others are (%)\n{'state':24}   softmpc  "
+          f"{EXACT} stages  " + "  ".join(f"{c[8:]:>15}" for c in columns))  # fmt: skip
+    same = True
+    for name, cost in ours.items():
+        apart = [found[c]["costs"][name] / cost - 1 for c in columns]
+        refined = exact[name] / cost - 1
+        print(f"{name:24}  {cost:8.4g}  {100 * refined:8.2f}  "
+              + "  ".join(f"{100 * a:15.5f}" for a in apart))  # fmt: skip
+        judged = apart if abs(refined) < SAME else apart[1:]
+        same = same and all(abs(a) < SAME for a in judged)  # nan is not
+    print("the same problem" if same else "NOT the same problem")
+    return same
+
+
+def times(found: dict[str, Answer]) -> None:
+    optimum = np.array(found["softmpc, SQP"]["inputs"])
+    print("\nStep times (medians), largest difference of the input from that of SQP (% of full "
+          f"torque), time to build, memory\n{'':24}  steps    wall ms     CPU ms  input %  "
+          "build s  MB more  MB")  # fmt: skip
+    for name, row in found.items():
+        inputs = np.array(row["inputs"])
+        off = 100 * np.abs(inputs - optimum[: len(inputs)]).max() / FULL
+        print(f"{name:24}  {len(row['ms']):5d}  {np.median(row['ms']):9.2f}  "
+              f"{np.median(row['cpu']):9.2f}  {off:7.4f}  {row['build']:7.1f}  "
+              f"{row['peak'] - row['before']:7.0f}  {row['peak']:.0f}")  # fmt: skip
+    theirs, ours = list(ROWS)[:3], [name for name in found if name.startswith("softmpc")]
+    print("\nRatio of step times, wall (CPU)\n" + " " * 24
+          + "".join(f"{name[8:]:>18}" for name in theirs))  # fmt: skip
+    for name in ours:
+        ratios = [
+            [np.median(found[peer][clock]) / np.median(found[name][clock])
+             for clock in ("ms", "cpu")]
+            for peer in theirs
+        ]  # fmt: skip
+        print(f"{name:24}" + "".join(f"{f'{w:.0f} ({c:.0f})':>18}" for w, c in ratios))
+
+
+def refine() -> None:
+    """A state that two points do not resolve, with more points."""
+    first = Problem()
+    x, u, now = first.start.x.copy(), first.start.u, 0.0
+    x[: first.model.strains] += 0.01 * first.t.x_scale[: first.model.strains]
+    print(
+        f"Cost with more points an interval, {JUMP} of their scale\npoints   softmpc  collocation"
+    )
+    for points in (2, 3, 5):
+        problem = Problem(stages=points)
+        ours = Ours(problem, "sqp").cost(x, u, now)
+        theirs = Theirs(problem, "collocation", points).cost(x, u, now)
+        print(f"{points:6}  {ours:8.5g}  {theirs:11.5g}", flush=True)
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--refine", action="store_true", help="only more points an interval")
+    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.one:
+        print(json.dumps(one(**json.load(sys.stdin))))
+        return
     if importlib.util.find_spec("do_mpc") is None:
         print("do-mpc is not installed: pip install do-mpc", file=sys.stderr)
         sys.exit(2)
-    from softmpc.control.mpc import Mpc
-    from softmpc.control.solvers import make_solver
-
-    reference, model, start, t = setting(1, INTERVALS, FULL)
-
-    def targets(now: float) -> np.ndarray:
-        return reference.position(now + STEP * np.arange(INTERVALS + 1))
-
-    began = time.perf_counter()
-    theirs = peer(model, t, targets)
-    theirs.x0, theirs.u0 = start.x, start.u
-    theirs.set_initial_guess()
-    print(f"do-mpc ready in {time.perf_counter() - began:.1f} s")
-    for kick in (1e-3, 1e-2):
-        compare(theirs, model, t, targets, start, make_solver("sqp", t), kick)
-    began = time.perf_counter()
-    rti = Mpc(t, make_solver("real-time", t))
-    print(f"RTI ready in {time.perf_counter() - began:.1f} s")
-    from softmpc.simulation.idas import Idas
-
-    plant = Idas(model, 1e-8)
-    slow = loop(lambda x, u, k: np.ravel(theirs.make_step(x.reshape(-1, 1))), plant, start, STEPS)
-    fast = loop(lambda x, u, k: rti.step(x, u, targets(k * STEP)[1:]).u, plant, start, OURS)
-    print(f"ms a step (median): do-mpc {slow:.0f}, RTI {fast:.2f}; ratio {slow / fast:.0f}")
+    os.environ["SOFTMPC_COMPILE"] = "never"  # in this process, where nothing is timed
+    if given.refine:
+        refine()
+        return
+    sys.exit(0 if report() else 1)
 
 
-def compare(
-    theirs: Any, model: Any, t: Any, targets: Any, start: Any, ours: Any, kick: float
-) -> None:
-    """Costs of both optima at the same state; we leave out that of the first state."""
-    x = start.x.copy()
-    x[: model.strains] += kick * t.x_scale[: model.strains]
-    theirs.make_step(x.reshape(-1, 1))
-    now = targets(0.0)
-    first = float(costs(model, t, ca.DM(x), ca.DM(start.u), ca.DM(now[0]))[0])
-    found = ours.solve(t.parameters(x, start.u, now[1:]), t.resting(x, start.u))
-    cost = float(theirs.solver_stats["iterations"]["obj"][-1]) - first
-    apart = abs(cost / found.cost - 1)
-    print(f"cost, strains off by {kick:g} of their scale: "
-        f"do-mpc {cost:.5g}, softmpc {found.cost:.5g}: {100 * apart:.2f} %"
-          + ("" if apart < 0.01 else "  more than 1 %"))  # fmt: skip
-    theirs.reset_history()
-    theirs.x0, theirs.u0 = start.x, start.u
-    theirs.set_initial_guess()
+def report() -> bool:
+    """Measure and print; whether both solve the same problem."""
+    from importlib.metadata import version
 
+    from softmpc.compiler import compiler
 
-def loop(step: Any, plant: Any, start: Any, count: int) -> float:
-    """Median time of a step in closed loop, ms; the first is left out."""
-    x, u, ms = start.x, start.u, []
-    for k in range(count):
-        began = time.perf_counter()
-        u = step(x, u, k)
-        ms.append(1e3 * (time.perf_counter() - began))
-        x = plant.advance(x, u, STEP, 1)[-1]
-    return float(np.median(ms[1:]))
+    print(f"do-mpc {version('do-mpc')}, CasADi {version('casadi')}, IPOPT with MUMPS; one thread, "
+          f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; N = {INTERVALS}, "
+          f"{1e3 * STEP:g} ms")  # fmt: skip
+    problem = Problem()
+    longest = max(steps for _, _, steps in ROWS.values())
+    moving = loop(problem, AT + longest)
+    singles, found = single(problem, moving), {}
+    for name, (kind, mode, steps) in ROWS.items():
+        if mode == "never" or compiler() is not None:
+            found[name] = measured(kind, mode, moving[AT : AT + steps], singles)
+    fine = Ours(Problem(stages=EXACT), "sqp")
+    exact = {name: fine.cost(np.array(x), np.array(u), t) for name, (x, u, t) in singles.items()}
+    same = same_problem(found, exact)
+    times(found)
+    return same
 
 
 if __name__ == "__main__":
