@@ -39,12 +39,48 @@ __all__ = ["command"]
     "--compare", "against", is_flag=True,
     help="Run feed-forward, LQR and IPOPT to convergence as well, and print one table.",
 )  # fmt: skip
+@click.option(
+    "--ideal", is_flag=True,
+    help="Leave the table [rig] out: the state is known, and nothing fails.",
+)  # fmt: skip
 @animation_option
 @answering("track")
 def command(
+    scene: Path,
+    on_infeasible: str | None,
+    against: bool,
+    ideal: bool,
+    animate: bool,
+    out: Path | None,
+) -> Answer:
+    """Move the tip along the path of the table [track] of the scene file SCENE.
+
+    With a table [rig] the state is estimated from sensors, and faults may strike.
+    """
+    from softmpc.rig.rigging import read_rig_file
+
+    if not ideal and read_rig_file(scene) is not None:
+        if against:
+            raise click.UsageError("--compare knows the state: add --ideal, or leave it out")
+        return _on_rig(scene, on_infeasible, animate, out)
+    return _ideal(scene, on_infeasible, against, animate, out)
+
+
+def _on_rig(scene: Path, on_infeasible: str | None, animate: bool, out: Path | None) -> Answer:
+    from softmpc.cli.track_rig import answer, draw_rig, run_on_rig
+
+    result = run_on_rig(scene, on_infeasible)
+    if out:
+        result.save(out)
+        if result.track.statuses:
+            _draw(out, scene, result.track, animate and result.track.status != "interrupted")
+            draw_rig(out, result)
+    return answer(result, _text({"title": result.track.title, **result.summary()}))
+
+
+def _ideal(
     scene: Path, on_infeasible: str | None, against: bool, animate: bool, out: Path | None
 ) -> Answer:
-    """Move the tip along the path of the table [track] of the scene file SCENE."""
     from softmpc.control.compare import compare_file
     from softmpc.control.tracking import track_file
 
@@ -95,7 +131,7 @@ def _draw(out: Path, scene: Path, result: TrackResult, animate: bool) -> None:
     title, time = result.title, result.time
     save_figure(tracking_figure(model, result), out / "track.png")
     save_figure(control_figure(model, result), out / "control.png")
-    tips = time_plots.tips_figure(time, result.tips, result.target, f"{title}: section tips")
+    tips = time_plots.tips_figure(time, result.tips, result.reference, f"{title}: section tips")
     save_figure(tips, out / "tips.png")
     save_figure(
         time_plots.strains_figure(model, time, result.q, f"{title}: strains"), out / "strains.png"

@@ -4,6 +4,7 @@
     torque       inputs at rest beyond what the controller may use
     torque rate  inputs at rest that have to change faster than they may
     bandwidth    arm and drive would have to be led beyond their reach to be in time
+    controller   a place that the controller's own model, where it is another one, cannot hold
 
 For the last one the path is led: each of its harmonics is enlarged and turned in phase by what arm
 and drive lose at its frequency, near the middle of the path. At rest, the led path needs the
@@ -22,6 +23,7 @@ from softmpc.control.limits import Limit, TorqueLimit, TorqueRateLimit
 from softmpc.control.paths import Reference
 from softmpc.control.response import Response
 from softmpc.control.rest_path import IN_REACH, NODES, RestPath, along, find_rest_path
+from softmpc.model.model import Model
 from softmpc.statics.inverse import InverseStatics
 
 __all__ = ["Finding", "Preflight", "find_preflight"]
@@ -31,6 +33,7 @@ SAMPLES = 256  # of a lap, for its harmonics
 HARMONICS = 30
 LED_NODES = 32  # of the led lap
 LED_REACH = 5e-3  # m that the led path may be out of reach: it is an estimate
+OTHER_REACH = 1e-3  # m that models of one arm may differ: feedback makes up for it
 SLACK = 1e-6  # of an input's scale
 
 Array = np.ndarray
@@ -40,7 +43,7 @@ Array = np.ndarray
 class Finding:
     """One part of a path that cannot be followed."""
 
-    kind: str  # "reach", "torque", "torque rate" or "bandwidth"
+    kind: str  # "reach", "torque", "torque rate", "bandwidth" or "controller"
     start: float  # s
     end: float
     place: tuple[float, ...]  # of the reference where it is worst, m
@@ -57,6 +60,7 @@ class Finding:
             "torque": "torque at rest above what is allowed",
             "torque rate": "torque at rest changes faster than allowed",
             "bandwidth": "faster than arm and drive: led, it is out of reach",
+            "controller": "out of reach of the controller's own model",
         }[self.kind]
         note = f" ({self.note})" if self.note else ""
         when = f"t = {self.start:.2f} to {self.end:.2f} s"
@@ -93,13 +97,19 @@ def find_preflight(
     limits: Sequence[Limit] = (),
     step: float = 0.025,
     nodes: int = NODES,
+    controller: Model | None = None,
 ) -> Preflight:
-    """Check a reference against the arm and the limits of a controller with that step (s)."""
+    """Check a reference against the arm and the limits of a controller with that step (s).
+
+    `controller` is the controller's model where that is not the arm's.
+    """
     rest = find_rest_path(inverse, reference, nodes)
     response = Response(inverse.model, rest.middle.q, rest.middle.pressures)
     findings = [*_reach(rest), *_torque(rest, limits), *_rate(rest, limits, step)]
     led = _Led(inverse, rest, response)
     findings += led.findings
+    if controller is not None and controller is not inverse.model:
+        findings += _beyond(InverseStatics(controller, starts=inverse.starts), rest)
     return Preflight(rest, tuple(findings), _facts(rest, response, led))
 
 
@@ -155,6 +165,16 @@ def _rates(rest: RestPath, t: Array) -> Array:
 
 def _unit(rest: RestPath) -> str:
     return "N·m" if rest.model.scene.actuation.input == "torque" else "Pa"
+
+
+def _beyond(inverse: InverseStatics, rest: RestPath) -> list[Finding]:
+    """Where another model of the arm does not get to the places in reach."""
+    some = np.unique(np.linspace(0, len(rest.found) - 1, LED_NODES).round().astype(int))
+    far = np.array([one.distance for one in along(inverse, rest.tips[some])])
+    t = _times(rest.reference)
+    phase = rest.lap.within(rest.reference.law.phase(t))
+    excess = 1e3 * np.interp(phase, rest.lap.phase[some], far)
+    return _stretches("controller", rest, t, excess, 1e3 * OTHER_REACH, "mm")
 
 
 def _stretches(

@@ -85,14 +85,18 @@ def _draw_space(made: Any, arm: Arm, result: Any) -> None:
     solid = int(np.argmax(np.linalg.norm(tips - tips.mean(axis=0), axis=1)))
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, result.reference, result.tip, margin=1.5 * max(arm.radii))
-    axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=1.2)
+    wide, deep, high = box[1] - box[0]
+    zoom = 1.2 if wide + deep < 1.4 * high else 0.95  # or the name of z leaves its half
+    axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=zoom)
     draw_base(axes, 1.8 * max(arm.radii))
     draw_tube(axes, shapes[solid], [0.6 * radius for radius in arm.radii], alpha=0.75)
     for shape in [shape for k, shape in enumerate(shapes) if k != solid]:
         draw_line(axes, shape, width=2.0, alpha=0.45)
     axes.plot(*_thin(result.reference).T, **REFERENCE, label="reference")
+    if _projected(result):
+        axes.plot(*_thin(result.followed).T, **NEAREST, label="nearest in reach")
     axes.plot(*_thin(result.tip).T, **TRACE, label="tip")
-    made.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    made.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 def _draw_path(axes: Axes, result: Any) -> None:
