@@ -34,12 +34,15 @@ class Fault:
     duration: float
 
     def __post_init__(self) -> None:
-        for key in ("start", "duration"):
-            value = getattr(self, key)
-            if not 0.0 <= value <= LONGEST:
-                raise InputError(
-                    f"fault {self.name!r}: {key} = {value!r} s: must be from 0 to {LONGEST:g}"
-                )
+        self._require("start", 0.0, LONGEST, "s")
+        self._require("duration", 0.0, LONGEST, "s")
+
+    def _require(self, key: str, low: float, high: float, unit: str) -> None:
+        value = getattr(self, key)
+        if not low <= value <= high:
+            raise InputError(
+                f"fault {self.name!r}: {key} = {value!r}: must be from {low:g} to {high:g} {unit}"
+            )
 
     @property
     def ticks(self) -> tuple[int, int]:
@@ -113,6 +116,10 @@ class Spike(SensorFault):
     name: ClassVar[str] = "spike"
     size: float = 0.1
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("size", -1e12, 1e12, "in the sensor's unit")
+
     def changed(self, sample: Sample, before: Sample | None) -> Sample:
         return replace(sample, value=sample.value + self.size)
 
@@ -158,6 +165,10 @@ class Scaled(ActuatorFault):
     name: ClassVar[str] = "scaled"
     factor: float = 0.7
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("factor", 0.0, 10.0, "times")
+
     def acting(self, u: Array, before: Array) -> Array:
         found = u.copy()
         found[self.rows(len(u))] *= self.factor
@@ -173,6 +184,10 @@ class Jitter(Fault):
 
     name: ClassVar[str] = "jitter"
     most: float = 5e-3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._require("most", 0.0, 1.0, "s")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from softmpc.control.track_result import TrackResult
-from softmpc.errors import InputError
 from softmpc.estimation.kalman import gate
-from softmpc.files import replacing
+from softmpc.files import reading_npz, replacing
 from softmpc.rig.supervision import State
 from softmpc.simulation.columns import write_columns
 
@@ -122,20 +120,12 @@ class RigResult:
     def load(cls, directory: str | os.PathLike[str]) -> RigResult:
         """Read what `save` wrote; raises `InputError` for a folder without it."""
         path = Path(directory) / "rig.npz"
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                about = json.loads(str(file["about"]))
-                arrays = {name: file[name] for name in ARRAYS}
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such file") from None
-        except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: is not a saved run of a rig: {error}") from None
-        if about.pop("schema", None) != SCHEMA:
-            raise InputError(f"{path}: is of another version; {SCHEMA} is known here")
-        about["names"] = tuple(tuple(names) for names in about["names"])
-        about["faults"] = tuple(tuple(fault) for fault in about["faults"])
-        for name in ("sensors", "sizes", "transitions"):
-            about[name] = tuple(about[name])
+        with reading_npz(path, "run of a rig", (SCHEMA,)) as (about, content):
+            arrays = {name: content[name] for name in ARRAYS}
+            about["names"] = tuple(tuple(names) for names in about["names"])
+            about["faults"] = tuple(tuple(fault) for fault in about["faults"])
+            for name in ("sensors", "sizes", "transitions"):
+                about[name] = tuple(about[name])
         return cls(TrackResult.load(Path(directory) / "track.npz"), **arrays, **about)
 
     def _columns(self) -> dict[str, np.ndarray]:

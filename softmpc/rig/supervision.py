@@ -102,7 +102,9 @@ class Supervisor:
             return self._go(tick, State.SAFE_STOP, held)
         if allowed > self.state and worst is not None:
             return self._go(tick, allowed, worst.cause)
-        if allowed >= self.state or (self.state is State.SAFE_STOP and not self.settings.resume):
+        if allowed >= self.state or (
+            self.state is State.SAFE_STOP and not self._may_resume(allowed)
+        ):
             self._good_since = None
             return self.state
         if self._good_since is None:
@@ -110,6 +112,10 @@ class Supervisor:
         if (tick - self._good_since) * TICK < self.settings.recover_after:
             return self.state
         return self._go(tick, allowed, "recovered" if worst is None else f"only {worst.cause}")
+
+    def _may_resume(self, allowed: State) -> bool:
+        """Whether it may leave a safe stop: not for fall-back, which has led there."""
+        return self.settings.resume and allowed < State.FALL_BACK
 
     def _go(self, tick: int, state: State, cause: str) -> State:
         self.log.append(Transition(tick * TICK, self.state, state, cause))
