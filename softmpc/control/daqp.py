@@ -22,13 +22,15 @@ from softmpc.control.condensing import Program
 __all__ = ["Daqp", "QpSolution"]
 
 STATUS = {
-    2: "soft optimal", 1: "optimal", -1: "infeasible", -2: "cycling", -3: "unbounded",
+    2: "soft optimal", 1: "optimal", 0: "not optimal",
+    -1: "infeasible", -2: "cycling", -3: "unbounded",
     -4: "iteration limit", -5: "not convex", -6: "overdetermined", -7: "time limit",
 }  # fmt: skip
-OPTIMAL, INFEASIBLE, NOT_CONVEX, LIMIT_OF_TIME = 1, -1, -5, -7
+OPTIMAL, NOT_OPTIMAL, INFEASIBLE, NOT_CONVEX, LIMIT_OF_TIME = 1, 0, -1, -5, -7
 ACTIVE, LOWER = 1, 2  # flags of a constraint in DAQP's `sense`
 SMALL = 1e-9  # of the largest multiplier: those below it belong to no active constraint
 NEAR = 0.01  # of a scaled bound without any move: rows to begin with
+SLOPE = 1e-6  # of the largest g: what may be left of the slope
 BROKEN = 1e-8  # by how much a scaled row that was left out may be
 
 Array = np.ndarray
@@ -130,7 +132,11 @@ class Daqp:
             "time_limit": 0.0 if time_limit is None else time_limit,
         }
         y, _, flag, info = model.solve()
-        return np.asarray(y), np.asarray(info["lam"]), int(flag), int(info["iterations"])
+        found = np.asarray(info["lam"])
+        slope = y + g + found @ A
+        if flag > 0 and not np.abs(slope).max() <= SLOPE * max(np.abs(g).max(), 1.0):
+            flag = NOT_OPTIMAL  # DAQP says otherwise after guesses with too many active
+        return np.asarray(y), found, int(flag), int(info["iterations"])
 
 
 def _wrong(program: Program) -> str:

@@ -49,20 +49,23 @@ class Rollout:
 
     def _at_once(self, moment: Moment, at: Trajectory) -> Array | None:
         """Newton's method on all intervals, as long as each step makes the defects smaller."""
-        linearisation, worst = self.linearisation, np.inf
+        linearisation = self.linearisation
         if linearisation is None:
             return None
         still = np.zeros_like(moment.x), np.zeros_like(at.u)
         for _ in range(MOST):
-            linear = linearisation(moment, at)
+            try:
+                linear = linearisation(moment, at)
+            except np.linalg.LinAlgError:
+                return None
             dx = linear.free(still[0])
             at = Trajectory(at.u, at.a + linear.stages(still[0], dx, still[1]), at.x + dx)
-            defect = float(np.abs(linearisation.measure(moment, at).defects).max())
-            if defect <= AT_ONCE:
+            before, after = linear.measured, linearisation.measure(moment, at)
+            worst = float(np.abs(after.defects).max())
+            if worst <= AT_ONCE:
                 return at.w
-            if not defect < worst:
-                return None
-            worst = defect
+            if not worst < np.abs(before.defects).max():
+                break
         return None
 
     def _one_by_one(self, moment: Moment, at: Trajectory) -> Array | None:
