@@ -99,6 +99,7 @@ class Mpc:
 
     # --- the three calls -------------------------------------------------------------------------
 
+    @one_thread
     def step(self, x: Array, u_before: Array, given: References) -> Step:
         """The input for the state x (q, dq, z) and references at the coming nodes, see `prepare`.
 

@@ -69,8 +69,9 @@ class OneThread(ContextDecorator):
 
 
 def _limited(libraries: Sequence[Any]) -> Counts:
-    """Limit to one thread; the counts before."""
+    """Limit those to one thread that have more; their counts before."""
     before = [(one, one.num_threads) for one in libraries]
+    before = [(one, count) for one, count in before if count > 1]
     _set([(one, 1) for one, _ in before])
     return before
 
