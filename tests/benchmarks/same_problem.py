@@ -115,7 +115,7 @@ class Theirs:
         template = mpc.get_tvp_template()
 
         def references(now: float) -> Any:
-            for k, place in enumerate(self.problem.targets(float(np.ravel(now)[0]))):
+            for k, place in enumerate(self.problem.targets(float(np.asarray(now).ravel()[0]))):
                 template["_tvp", k, "tip"] = place
             return template
 
