@@ -5,8 +5,9 @@ filter goes back to what it believed just before and comes forward again through
 heard since. It moves between the times of readings and of new inputs alone, so that the result
 depends on these, not on the order of arrival or on when it was asked.
 
-A reading that is not finite, frozen, or too far from what is expected is left out. Where those of
-one sensor stay too far for long it is the filter that is wrong, and it opens its covariance.
+A reading that is not finite, frozen, or too far from what is expected is left out. Each that is too
+far makes the filter doubt itself a little more: its covariance grows by a share of that at the
+start. So a spike does nothing, and where all readings stay too far it is the filter that gives in.
 """
 
 from __future__ import annotations
@@ -14,74 +15,82 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from softmpc.control.closed_loop import start_at
 from softmpc.errors import InputError
 from softmpc.estimation.kalman import Innovation, expected, gate, predicted, updated
 from softmpc.estimation.knots import Belief, Estimate, Health, Knot, Trust, by_stamp
+from softmpc.estimation.observability import observability
 from softmpc.estimation.plausibility import Plausibility
-from softmpc.estimation.process import Process
+from softmpc.estimation.process import Process, Spread
 from softmpc.estimation.sensing import Sample
-from softmpc.estimation.sensors import TICK, Sensor
+from softmpc.estimation.sensors import TICK, Reading, Sensor
 from softmpc.model.model import Model
+from softmpc.statics.equilibrium import find_equilibrium
 
 __all__ = ["Estimate", "Estimator", "Spread"]
 
 Array = np.ndarray
 MEMORY = 250  # ticks that a reading may be late
 MISS = 1e-6  # share of good readings that the gate turns away
-OPEN_AFTER = 100, 5  # ticks for which, and readings, that all of one sensor are turned away
+DOUBT = 100  # ticks of readings turned away that add the whole covariance of the start
+DOUBTED = 3  # readings turned away in a row, from which on the filter says that it doubts itself
 LONGEST = 0.02  # s, of one step of the model
-FLOOR = 1e-6  # noise of a sensor that says it has none, as a share of what full strains change
+CURVATURE = 3.0  # relative error of a slope for a strain that is off by its whole scale
 KEPT = 100_000  # innovations
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Standard deviations at the start, as shares of each variable's scale."""
-
-    strains: float = 0.01
-    rates: float = 0.01
-    drive: float = 0.02
-    forces: float = 0.1
-    offsets: float = 0.03
-
-
 class Estimator:
-    """Estimates the state of one model from samples of its sensors."""
+    """Estimates the state of one model from samples of its sensors.
+
+    What these can tell is looked at when it is made, at the state and input of rest `at`, that of
+    no input if it is not given: the attribute `observability`. Raises `BuildError` where a part of
+    the disturbance can never be known.
+    """
 
     def __init__(
-        self, process: Process, sensors: Sequence[Sensor], spread: Spread | None = None
+        self,
+        process: Process,
+        sensors: Sequence[Sensor],
+        spread: Spread | None = None,
+        at: tuple[Array, Array] | None = None,
     ) -> None:
         if not sensors:
             raise InputError("Estimator: needs one sensor at least, such as SectionTips()")
         self.process, self.sensors = process, tuple(sensors)
         self.model: Model = process.model
         self.readings = [sensor.reading(self.model) for sensor in self.sensors]
-        self._by_d = [reading.by_u @ process.disturbance.G for reading in self.readings]
-        self._R = [self._noise(i) for i in range(len(self.sensors))]
-        self._gates = [gate(len(reading.names), MISS) for reading in self.readings]
-        self._spread = self._variances(spread or Spread())
-        self._plausibility = Plausibility(self.sensors, self.readings)
-
-    def _noise(self, i: int) -> Array:
-        """Variance of each value of a sensor."""
-        _, H = self._seen(i, np.zeros(self.process.size), np.zeros(len(self.model.layout.u)))
-        least = FLOOR * float(np.abs(H).max(initial=1e-12))
-        return np.full(len(H), max(self.sensors[i].noise, least) ** 2)
-
-    def _variances(self, spread: Spread) -> Array:
-        p, layout = self.process, self.model.layout
-        forced = np.any(p.disturbance.F != 0, axis=0)
-        parts = [
-            np.full(p.n, spread.strains),
-            np.full(p.n, spread.rates),
-            np.full(len(layout.z), spread.drive),
-            np.where(forced, spread.forces, spread.offsets),
+        self._linear = [self._constant_slope(reading) for reading in self.readings]
+        self._R = [
+            sensor.variances(reading, self.model)
+            for sensor, reading in zip(self.sensors, self.readings, strict=True)
         ]
-        return np.concatenate(parts) ** 2
+        self._gates = [gate(len(reading.names), MISS) for reading in self.readings]
+        self._spread = process.variances(spread or Spread())
+        self._doubts = [self._doubt(i) for i in range(len(self.sensors))]
+        self._plausibility = Plausibility(self.sensors, self.readings)
+        at = _resting(self.model) if at is None else at
+        self.observability = observability(process, self.sensors, self.readings, *at)
+        self.observability.require_detectable()
+        self.observability.tell()
+
+    def _constant_slope(self, reading: Reading) -> Array | None:
+        """Slope of a reading in s where it is linear."""
+        p = self.process
+        if reading.of_strains is not None:
+            return None
+        return np.hstack([reading.by_x, reading.by_u @ p.disturbance.G]) * p.scale
+
+    def _doubt(self, i: int) -> Array:
+        """Variance that a reading turned away adds: to the arm, or to the drive if it sees that."""
+        p = self.process
+        wet = np.zeros(p.size, bool)
+        wet[2 * p.n : p.nx] = True
+        wet[p.nx :] = ~np.any(p.disturbance.F != 0, axis=0)
+        seen = wet if self.readings[i].of_strains is None else ~wet
+        return np.where(seen, self._spread * self.sensors[i].period / DOUBT, 0.0)
 
     # --- what it is told -------------------------------------------------------------------------
 
@@ -173,7 +182,7 @@ class Estimator:
 
     @property
     def opened(self) -> list[int]:
-        """Ticks at which readings were turned away for so long that the covariance was opened."""
+        """Ticks of readings that were turned away, some in a row: the filter doubts itself."""
         return [*self._opened, *(knot.tick for knot in self._knots if knot.opened)]
 
     @property
@@ -223,8 +232,15 @@ class Estimator:
         s, P, a, trust = belief
         for _ in range(pieces):
             s, A, a = self.process.advance(s, u, length / pieces, a)
-            P = predicted(P, A, self.process.spread(length / pieces))
+            P = predicted(P, A, self.process.spread(length / pieces), self._bent(P))
         return Belief(s, P, a, trust)
+
+    def _bent(self, P: Array) -> float:
+        """Share of a variance that linearising leaves: as large as the uncertainty of the strains.
+
+        Nothing where the state is known well, and what keeps the filter honest where it is not.
+        """
+        return CURVATURE**2 * float(P.diagonal()[: self.process.n].max())
 
     def _take_readings(self, knot: Knot) -> None:
         """Let the readings of a knot's time count."""
@@ -238,30 +254,30 @@ class Estimator:
 
     def _seen(self, i: int, s: Array, u: Array) -> tuple[Array, Array]:
         """What a sensor should read, and the slope of that in s."""
-        p = self.process
-        y, slope = self.readings[i](s[: p.nx] * p.scale[: p.nx], u + p.disturbance.G @ s[p.nx :])
-        H = np.empty((len(y), p.size))
-        H[:, : p.nx], H[:, p.nx :] = slope * p.scale[: p.nx], self._by_d[i]
+        p, reading, H = self.process, self.readings[i], self._linear[i]
+        if H is not None:
+            return H @ s + reading.by_u @ u, H
+        y, slope = reading(s[: p.nx] * p.scale[: p.nx], u)
+        H = np.zeros((len(y), p.size))
+        H[:, : p.nx] = slope * p.scale[: p.nx]
         return y, H
 
     def _corrected(self, knot: Knot, belief: Belief, sample: Sample, u: Array) -> Belief:
         i, (s, P, a, trust) = sample.sensor, belief
         y, H = self._seen(i, s, u)
-        found = expected(P, sample.value - y, H, self._R[i])
+        bent = 0.0 if self._linear[i] is not None else self._bent(P)
+        found = expected(P, sample.value - y, H, self._R[i], bent)
         accepted = found.nis <= self._gates[i]
         knot.seen.append(
             Innovation(i, sample.stamp, found.e, np.sqrt(found.variances), found.nis, accepted)
         )
         if accepted:
-            s, P = updated(s, P, H, self._R[i], found)
+            s, P = updated(s, P, H, found)
             return Belief(s, P, a, _with(trust, i, Trust(knot.tick)))
-        now = trust[i]
-        now = Trust(now.good, now.since if now.refused else knot.tick, now.refused + 1)
-        ticks, readings = OPEN_AFTER
-        if knot.tick - now.since >= ticks and now.refused >= readings:
-            knot.opened, now = True, Trust(now.good)
-            P = P + np.diag(self._spread)
-        return Belief(s, P, a, _with(trust, i, now))
+        refused = trust[i].refused + 1
+        knot.opened |= refused >= DOUBTED
+        P = P + np.diag(self._doubts[i])
+        return Belief(s, P, a, _with(trust, i, Trust(trust[i].good, refused)))
 
     def _prune(self, tick: int) -> None:
         """Forget what no reading can come before any more."""
@@ -276,6 +292,12 @@ class Estimator:
         del self._samples[: bisect_left(self._samples, first, key=_stamp)]
         old = max(bisect_right(self._times, first - 1) - 1, 0)
         del self._times[:old], self._inputs[:old]
+
+
+def _resting(model: Model) -> tuple[Array, Array]:
+    """State and input of the arm at rest without pressure."""
+    start = start_at(model, find_equilibrium(model, np.zeros(len(model.layout.p))))
+    return start.x, start.u
 
 
 def _stamp(sample: Sample) -> int:

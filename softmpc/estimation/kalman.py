@@ -34,6 +34,7 @@ class Expected:
     variances: Array  # diagonal of S
     gain: Array  # n×m
     weighted: Array  # S⁻¹ e
+    R: Array  # noise, with bent
 
     @property
     def nis(self) -> float:
@@ -45,32 +46,46 @@ def gate(size: int, miss: float) -> float:
     return float(chdtri(size, miss))
 
 
-def predicted(P: Array, A: Array, Q: Array) -> Array:
-    """Covariance after a step with slope A and the diagonal Q."""
-    after = A @ P @ A.T
+def predicted(P: Array, A: Array, Q: Array, bent: float = 0.0) -> Array:
+    """Covariance after a step with slope A and the diagonal Q.
+
+    `bent` is the variance that linearising leaves of each change, as a share: the model is not
+    straight over what P spans.
+    """
+    AP = A @ P
+    after = AP @ A.T
     after += after.T
     after *= 0.5
-    after.reshape(-1)[:: len(after) + 1] += Q
+    diagonal = after.reshape(-1)[:: len(after) + 1]
+    if bent:
+        change = diagonal - 2.0 * AP.diagonal() + P.diagonal()
+        diagonal += bent * np.maximum(change, 0.0)
+    diagonal += Q
     return np.asarray(after)
 
 
-def expected(P: Array, e: Array, H: Array, R: Array) -> Expected:
+def expected(P: Array, e: Array, H: Array, R: Array, bent: float = 0.0) -> Expected:
     """What an innovation e with slope H and noise R (diagonal) means before covariance P.
+
+    `bent` is the variance that linearising leaves of what P makes of the reading, as a share.
 
     Raises `LinAlgError` where its covariance is not positive definite.
     """
     HP = H @ P
     S = HP @ H.T
-    S.reshape(-1)[:: len(S) + 1] += R
+    diagonal = S.reshape(-1)[:: len(S) + 1]
+    if bent:
+        R = R + bent * diagonal
+    diagonal += R
     right = np.empty((len(e), len(P) + 1), order="F")
     right[:, :-1], right[:, -1] = HP, e
     _, found, wrong = dposv(S, right)
     if wrong:
         raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
-    return Expected(e, HP, S.diagonal(), found[:, :-1].T, found[:, -1])
+    return Expected(e, HP, S.diagonal(), found[:, :-1].T, found[:, -1], R)
 
 
-def updated(s: Array, P: Array, H: Array, R: Array, of: Expected) -> tuple[Array, Array]:
+def updated(s: Array, P: Array, H: Array, of: Expected) -> tuple[Array, Array]:
     """State and covariance after an innovation.
 
     Joseph's form, (I - K H) P (I - K H)ᵀ + K R Kᵀ, one factor after the other: symmetric and
@@ -78,7 +93,7 @@ def updated(s: Array, P: Array, H: Array, R: Array, of: Expected) -> tuple[Array
     """
     K = of.gain
     once = P - K @ of.HP
-    after = once - (once @ H.T - K * R) @ K.T
+    after = once - (once @ H.T - K * of.R) @ K.T
     after += after.T
     after *= 0.5
     return s + K @ of.e, after

@@ -32,13 +32,9 @@ class Estimate:
 
 
 class Trust(NamedTuple):
-    """Of one sensor: ticks of its last good reading, and of the first of those turned away since.
-
-    `refused` is how many those are.
-    """
+    """Of one sensor: tick of its last good reading, and how many were turned away since."""
 
     good: int
-    since: int = 0
     refused: int = 0
 
 

@@ -16,7 +16,7 @@ from softmpc.estimation.arm_step import ArmStep, Length
 from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
 
-__all__ = ["Process", "ProcessNoise"]
+__all__ = ["Process", "ProcessNoise", "Spread"]
 
 Array = np.ndarray
 KEPT = 64  # lengths of steps whose matrices are kept
@@ -31,6 +31,17 @@ class ProcessNoise:
     drive: float = 1e-3
     forces: float = 0.01
     offsets: float = 3e-3
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviations at the start, as shares of each variable's scale."""
+
+    strains: float = 0.01
+    rates: float = 0.01
+    drive: float = 0.02
+    forces: float = 0.1
+    offsets: float = 0.03
 
 
 @dataclass(frozen=True)
@@ -59,17 +70,16 @@ class Process:
         self.arm = ArmStep(model, mode)
         self.unknowns = self.arm.unknowns  # of the stages of a step
         self._steps: dict[float, _Step] = {}
-        self._intensity = self._intensities()
+        self._intensity = self.variances(noise)  # a second
 
-    def _intensities(self) -> Array:
-        """Variance a second of each entry of s."""
-        noise, d = self.noise, self.disturbance
-        forced = np.any(d.F != 0, axis=0)
+    def variances(self, shares: ProcessNoise | Spread) -> Array:
+        """Of each entry of s."""
+        forced = np.any(self.disturbance.F != 0, axis=0)
         parts = [
-            np.full(self.n, noise.strains),
-            np.full(self.n, noise.rates),
-            np.full(self.nx - 2 * self.n, noise.drive),
-            np.where(forced, noise.forces, noise.offsets),
+            np.full(self.n, shares.strains),
+            np.full(self.n, shares.rates),
+            np.full(self.nx - 2 * self.n, shares.drive),
+            np.where(forced, shares.forces, shares.offsets),
         ]
         return np.concatenate(parts) ** 2
 

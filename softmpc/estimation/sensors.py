@@ -24,6 +24,7 @@ __all__ = [
 
 Array = np.ndarray
 TICK = 1e-3  # s: sensors sample, and their readings arrive, at whole ticks
+LEAST = 1e-6  # noise of a sensor that has none, as a share of what a variable of full size changes
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,16 @@ class Sensor:
     def reading(self, model: Model) -> Reading:
         """What it reads of this model; raises `InputError` where the model has no such thing."""
         raise NotImplementedError
+
+    def variances(self, reading: Reading, model: Model) -> Array:
+        """Of each value it reads of a model.
+
+        One that says it has no noise gets a little, so that a filter has something to weigh.
+        """
+        layout = model.layout
+        slope = reading(np.zeros(len(layout.x)), np.zeros(len(layout.u)))[1] * layout.x.scale
+        size = max(np.abs(slope).max(), np.abs(reading.by_u * layout.u.scale).max())
+        return np.full(len(slope), max(self.noise, LEAST * size) ** 2)
 
     def offset(self, size: int) -> Array:
         """The bias of each value."""
