@@ -71,7 +71,8 @@ class Daqp:
             return QpSolution(False, wrong, nothing, np.zeros(0), 0, _since(began))
         count = len(program.f)
         guess = _signs(program, multipliers)
-        rows = (guess[count:] != 0) | (_excess(program, np.zeros(count)) > -NEAR)
+        near = np.maximum(program.low_rows, -program.high_rows) > -NEAR  # without any move
+        rows = (guess[count:] != 0) | near
         iterations = 0
         while True:
             left = None if time_limit is None else max(time_limit - _since(began), 1e-6)
