@@ -5,9 +5,10 @@ filter goes back to what it believed just before and comes forward again through
 heard since. It moves between the times of readings and of new inputs alone, so that the result
 depends on these, not on the order of arrival or on when it was asked.
 
-A reading that is not finite, frozen, or too far from what is expected is left out. Each that is too
-far makes the filter doubt itself a little more: its covariance grows by a share of that at the
-start. So a spike does nothing, and where all readings stay too far it is the filter that gives in.
+A reading that is not finite, frozen, or absurdly far from what is expected is left out. One that is
+only too far counts as if it were at the edge of what is likely: it pulls, but no harder than a good
+one may. The covariance is left alone: a larger one would make the filter follow motions that its
+model does not have, and the loop with it unstable.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,9 +36,9 @@ __all__ = ["Estimate", "Estimator", "Spread"]
 
 Array = np.ndarray
 MEMORY = 250  # ticks that a reading may be late
-MISS = 1e-6  # share of good readings that the gate turns away
-DOUBT = 100  # ticks of readings turned away that add the whole covariance of the start
-DOUBTED = 3  # readings turned away in a row, from which on the filter says that it doubts itself
+FAR = 1e-4  # share of good readings that are farther than the edge
+ABSURD = 10.0  # times the distance of that edge
+DOUBTED = 3  # readings beyond it in a row, from which on they contradict the estimate
 LONGEST = 0.02  # s, of one step of the model
 CURVATURE = 3.0  # relative error of a slope for a strain that is off by its whole scale
 KEPT = 100_000  # innovations
@@ -67,9 +69,8 @@ class Estimator:
             sensor.variances(reading, self.model)
             for sensor, reading in zip(self.sensors, self.readings, strict=True)
         ]
-        self._gates = [gate(len(reading.names), MISS) for reading in self.readings]
+        self._gates = [gate(len(reading.names), FAR) for reading in self.readings]
         self._spread = process.variances(spread or Spread())
-        self._doubts = [self._doubt(i) for i in range(len(self.sensors))]
         self._plausibility = Plausibility(self.sensors, self.readings)
         at = _resting(self.model) if at is None else at
         self.observability = observability(process, self.sensors, self.readings, *at)
@@ -82,15 +83,6 @@ class Estimator:
         if reading.of_strains is not None:
             return None
         return np.hstack([reading.by_x, reading.by_u @ p.disturbance.G]) * p.scale
-
-    def _doubt(self, i: int) -> Array:
-        """Variance that a reading turned away adds: to the arm, or to the drive if it sees that."""
-        p = self.process
-        wet = np.zeros(p.size, bool)
-        wet[2 * p.n : p.nx] = True
-        wet[p.nx :] = ~np.any(p.disturbance.F != 0, axis=0)
-        seen = wet if self.readings[i].of_strains is None else ~wet
-        return np.where(seen, self._spread * self.sensors[i].period / DOUBT, 0.0)
 
     # --- what it is told -------------------------------------------------------------------------
 
@@ -108,7 +100,7 @@ class Estimator:
         self._plausibility.reset()
         self._reasons: list[Counter[str]] = [Counter() for _ in self.sensors]
         self._settled: deque[Innovation] = deque(maxlen=KEPT)
-        self._opened: list[int] = []
+        self._contradicted: list[int] = []
 
     def applied(self, u: Array, tick: int) -> None:
         """The input (k, SI) from this time on."""
@@ -181,9 +173,9 @@ class Estimator:
         return [*self._settled, *(one for knot in self._knots for one in knot.seen)]
 
     @property
-    def opened(self) -> list[int]:
-        """Ticks of readings that were turned away, some in a row: the filter doubts itself."""
-        return [*self._opened, *(knot.tick for knot in self._knots if knot.opened)]
+    def contradicted(self) -> list[int]:
+        """Ticks of readings that were too far, some in a row."""
+        return [*self._contradicted, *(knot.tick for knot in self._knots if knot.contradicted)]
 
     @property
     def health(self) -> list[Health]:
@@ -267,24 +259,25 @@ class Estimator:
         y, H = self._seen(i, s, u)
         bent = 0.0 if self._linear[i] is not None else self._bent(P)
         found = expected(P, sample.value - y, H, self._R[i], bent)
-        accepted = found.nis <= self._gates[i]
+        far = np.sqrt(found.nis / self._gates[i])
+        accepted = bool(far <= ABSURD)
         knot.seen.append(
             Innovation(i, sample.stamp, found.e, np.sqrt(found.variances), found.nis, accepted)
         )
+        beyond = trust[i].beyond + 1 if far > 1.0 else 0
+        knot.contradicted |= beyond >= DOUBTED
+        good = trust[i].good
         if accepted:
-            s, P = updated(s, P, H, found)
-            return Belief(s, P, a, _with(trust, i, Trust(knot.tick)))
-        refused = trust[i].refused + 1
-        knot.opened |= refused >= DOUBTED
-        P = P + np.diag(self._doubts[i])
-        return Belief(s, P, a, _with(trust, i, Trust(trust[i].good, refused)))
+            s, P = updated(s, P, H, replace(found, e=found.e / max(far, 1.0)))
+            good = knot.tick
+        return Belief(s, P, a, _with(trust, i, Trust(good, beyond)))
 
     def _prune(self, tick: int) -> None:
         """Forget what no reading can come before any more."""
         while len(self._knots) > 1 and self._knots[1].tick <= tick - MEMORY:
             knot = self._knots.pop(0)
             self._settled += knot.seen
-            self._opened += [knot.tick] * knot.opened
+            self._contradicted += [knot.tick] * knot.contradicted
             for one in knot.seen:
                 if not one.accepted:
                     self._reasons[one.sensor]["too far"] += 1

@@ -32,10 +32,10 @@ class Estimate:
 
 
 class Trust(NamedTuple):
-    """Of one sensor: tick of its last good reading, and how many were turned away since."""
+    """Of one sensor: tick of its last reading that counted, and how many in a row were too far."""
 
     good: int
-    refused: int = 0
+    beyond: int = 0
 
 
 class Belief(NamedTuple):
@@ -56,7 +56,7 @@ class Knot:
     before: Belief
     after: Belief | None = None
     seen: list[Innovation] = field(default_factory=list)
-    opened: bool = False  # whether its readings made the filter doubt itself
+    contradicted: bool = False  # whether its readings were too far, as those before
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ __all__ = ["Act", "Pilot"]
 
 LOG = logging.getLogger(__name__)
 Array = np.ndarray
-REOPENED = 0.5  # s after the estimator opened its covariance in which it is not quite trusted
+DOUBTFUL = 0.2  # s after readings contradicted the estimate in which it is not quite trusted
 
 
 @dataclass(frozen=True)
@@ -150,8 +150,8 @@ class Pilot:
         if spread > settings.tip_spread:
             far = f"the tip is known to {1e3 * spread:.0f} mm only"
             found.append(Condition(State.FALL_BACK, far))
-        opened = self.estimator.opened
-        if opened and (tick - opened[-1]) * TICK < REOPENED:
+        doubts = self.estimator.contradicted
+        if doubts and (tick - doubts[-1]) * TICK < DOUBTFUL:
             found.append(Condition(State.DEGRADED, "readings contradicted the estimate"))
         if self._failed_steps >= settings.failed_steps:
             many = f"{self._failed_steps} steps in a row: {self._problem}"
