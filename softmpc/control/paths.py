@@ -21,6 +21,7 @@ __all__ = [
     "FigureEight",
     "Helix",
     "Line",
+    "Point",
     "Reference",
     "TimeLaw",
     "TipPath",
@@ -114,6 +115,17 @@ class Line(TipPath):
     def position(self, phase: np.ndarray) -> np.ndarray:
         share = (1 - np.cos(2 * np.pi * np.asarray(phase)[:, None])) / 2
         return np.asarray(self.start) + share * (np.asarray(self.end) - np.asarray(self.start))
+
+
+@dataclass(frozen=True)
+class Point(TipPath):
+    """One place that is to be held."""
+
+    name: ClassVar[str] = "point"
+    place: Vector
+
+    def position(self, phase: np.ndarray) -> np.ndarray:
+        return np.tile(np.asarray(self.place, float), (len(np.asarray(phase)), 1))
 
 
 @dataclass(frozen=True)

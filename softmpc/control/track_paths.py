@@ -10,6 +10,7 @@ from softmpc.control.paths import (
     FigureEight,
     Helix,
     Line,
+    Point,
     Reference,
     TimeLaw,
     TipPath,
@@ -19,7 +20,7 @@ from softmpc.model.tables import Table
 
 __all__ = ["read_reference"]
 
-PATHS = ("circle", "figure-eight", "helix", "line", "waypoints")
+PATHS = ("circle", "figure-eight", "helix", "line", "point", "waypoints")
 DOWN = (0.0, 0.0, 1.0)
 
 
@@ -41,6 +42,8 @@ def _read_path(table: Table, folder: Path) -> TipPath:
     if kind == "line":
         return Line(table.vector("start", 3, unit="m"), table.vector("end", 3, unit="m"))
     center = table.vector("center", 3, unit="m")
+    if kind == "point":
+        return Point(center)
     normal = table.vector("normal", 3, DOWN)
     size: dict[str, Any] = {"unit": "m", "low": 0.0, "low_open": True, "high": 100.0}
     if kind == "figure-eight":
