@@ -40,6 +40,10 @@ class Response:
 
     def __call__(self, omega: float) -> Array:
         """G (3×k, complex), m per unit of input, at an angular frequency (rad/s)."""
+        return np.asarray(self._tip @ self.strains(omega))
+
+    def strains(self, omega: float) -> Array:
+        """The same of the strains (n×k)."""
         K, D, M, by_p = self._slopes
         drive, s = self.model.drive, 1j * omega
         pressures = drive.D + 0 * s
@@ -47,7 +51,7 @@ class Response:
             pressures = pressures + drive.C @ np.linalg.solve(
                 s * np.eye(len(drive.A)) - drive.A, drive.B
             )
-        return np.asarray(self._tip @ np.linalg.solve(K + s * D + s**2 * M, by_p @ pressures))
+        return np.asarray(np.linalg.solve(K + s * D + s**2 * M, by_p @ pressures))
 
     @cached_property
     def arm_poles(self) -> Array:

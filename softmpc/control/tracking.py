@@ -44,7 +44,9 @@ ADVICE = {
     "reach": "move it towards the arm's tip at half pressure, or make it smaller",
     "torque": "move it, or allow more torque",
     "torque rate": "give it more time (lap_time), or raise torque_rate",
-    "bandwidth": "give it more time (lap_time), or make it smaller",
+    "bandwidth": "give it more time (lap_time), make it smaller, or allow more (tip_deviation)",
+    "torque at speed": "give it more time (lap_time), or make it smaller",
+    "torque rate at speed": "give it more time (lap_time), or raise torque_rate",
     "controller": "give the controller's scene what it lacks for this path, such as strains",
 }
 
@@ -146,7 +148,7 @@ def set_up(
         if disturbance is not None:
             ocp = replace(ocp, disturbance=disturbance(model.scene))
         to_state = StateMap(plant, model)
-    preflight = find_preflight(inverse, task.reference, ocp.limits, settings.step, controller=model)
+    preflight = find_preflight(inverse, task.reference, ocp)
     if task.on_infeasible == "stop":
         _stop_where_infeasible(preflight)
     rest = preflight.rest

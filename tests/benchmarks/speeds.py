@@ -1,0 +1,58 @@
+"""How fast a path may be: the estimate before the run beside the closed loop.
+
+    python -m tests.benchmarks.speeds
+
+Circle of 120 mm and figure eight of 80 mm, from 1.5 to 0.2 s a lap, 3 s each; the default
+controller (25 ms, N = 20), plant = model, IDAS. RMS of the tip error after the first second; the
+estimate is without its factor `MEASURED`, which comes from the last column.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from softmpc.control.at_speed import MEASURED, AtSpeed
+from softmpc.control.paths import Circle, FigureEight, Reference, TimeLaw
+from softmpc.control.response import Response
+from softmpc.control.tracking import set_up
+from softmpc.model.presets import chen2022
+from softmpc.model.scene import Scene
+from tests.benchmarks.tracking import task_of
+
+CENTER = (0.12, 0.0, 0.57)
+PATHS = {"circle": Circle(CENTER, 0.12), "eight": FigureEight(CENTER, 0.08, 0.04)}
+LAPS = (1.5, 0.6, 0.4, 0.3, 0.25, 0.2)  # s
+
+
+def row(name: str, lap: float) -> str:
+    """One path at one speed."""
+    reference = Reference(PATHS[name], TimeLaw(lap, 3.0 / lap))
+    setup = set_up(Scene(chen2022()), replace(task_of("circle"), reference=reference))
+    rest = setup.preflight.rest
+    response = Response(setup.plant.model, rest.middle.q, rest.middle.pressures)
+    fast = AtSpeed(rest, response, setup.ocp)
+    estimate = 1e3 * float(np.sqrt(np.mean(fast.off**2))) / MEASURED
+    result = setup.run(setup.controller)
+    error = 1e3 * result.error[result.time >= result.settle]
+    rms, at_limit = np.sqrt(np.mean(error**2)), np.mean((result.u < 1e-6) | (result.u > 2.5 - 1e-6))
+    kinds = ", ".join(sorted({one.kind for one in setup.preflight.findings})) or "-"
+    return (
+        f"{name:7} {lap:5.2f} {estimate:10.3f} {rms:8.3f} {error.max():8.3f} "
+        f"{100 * at_limit:9.1f} {fast.u.min():8.2f} {fast.u.max():6.2f} {result.failures:7d}  "
+        f"{rms / estimate:8.1f}  {kinds}"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    print("path     s/lap  estimate  RMS (mm) max (mm)  at limit %  u from     to  failed  "
+          "RMS/estimate  named before the run")  # fmt: skip
+    for name in PATHS:
+        for lap in LAPS:
+            print(row(name, lap), flush=True)
+
+
+if __name__ == "__main__":
+    main()
