@@ -1,6 +1,6 @@
 """Solvers of the tracking problem: step times, closed-loop costs, growth, time to build.
 
-    python -m tests.benchmarks.controllers [--quick]
+    python -m tests.benchmarks.controllers [--quick] [--real-time]
 
 The arm follows a circle of 8 cm, 4 s a lap, for its plant integrated by IDAS. Every row is a
 process of its own; times are those of whole controller steps, Python included: wall time, and
@@ -114,7 +114,7 @@ def percentiles(ms: list[float]) -> str:
     return "  ".join(f"{value:8.1f}" for value in np.percentile(ms, [50, 95, 100]))
 
 
-def step_times(cache: str, steps: int) -> None:
+def step_times(cache: str, steps: int, alone: bool) -> None:
     print(f"\nStep times, N = 20, 2 × 1 segments, {steps} steps, {FEW} of IPOPT and Fatrop "
           "(ms: median, 95 %, 100 %)")  # fmt: skip
     print("solver   compiled  torque          50 %      95 %     100 %   CPU 50 %  iterations  "
@@ -124,19 +124,24 @@ def step_times(cache: str, steps: int) -> None:
     for top, word in ((FULL, "free"), (SATURATED, "saturated"), (WEAK, "too weak")):
         best: list[float] = []
         for name, mode in rows if top > WEAK else rows[3:]:
+            if alone and name not in ("RTI", "blocked"):
+                continue
             call: dict[str, Any] = {"solver": SOLVERS.get(name, "real-time"), "top": top}
             call |= {"blocks": BLOCKS} if name == "blocked" else {}
             call["steps"] = FEW if name in ("IPOPT", "Fatrop") else steps
             found = measured(cache, mode, segments=1, intervals=20, **call)
             best = best or found["costs"]
-            ratio = f"{found['costs'][FEW - 1] / best[FEW - 1]:10.4f}" if top > WEAK else 10 * " "
-            print(
-                f"{name:7}  {'yes' if mode == 'auto' else 'no':8}  {word:9}  "
-                f"{percentiles(found['ms'])}  {middle(found['cpu']):9.1f}  "
-                f"{found['iterations']:10.1f}  {ratio}  {found['at_limit']:8.2f}  "
-                f"{found['failed']:6d}",
-                flush=True,
-            )
+            shown = top > WEAK and not alone  # there is an IPOPT to compare with
+            ratio = f"{found['costs'][FEW - 1] / best[FEW - 1]:.4f}" if shown else ""
+            print(row(name, mode, word, found, ratio), flush=True)
+
+
+def row(name: str, mode: str, word: str, found: dict[str, Any], ratio: str) -> str:
+    return (
+        f"{name:7}  {'yes' if mode == 'auto' else 'no':8}  {word:9}  "
+        f"{percentiles(found['ms'])}  {middle(found['cpu']):9.1f}  {found['iterations']:10.1f}  "
+        f"{ratio:>10}  {found['at_limit']:8.2f}  {found['failed']:6d}"
+    )
 
 
 def closed_loop(cache: str, steps: int) -> None:
@@ -158,12 +163,12 @@ def growth(steps: int, quick: bool) -> None:
         call = {"segments": size[0], "intervals": size[1], "top": FULL}
         rti = measured(None, solver="real-time", steps=steps, **call)
         fast = measured(None, "auto", solver="real-time", steps=steps, **call)
-        row = [middle(rti["cpu"]), middle(fast["cpu"])]
+        values = [middle(rti["cpu"]), middle(fast["cpu"])]
         for name in ("ipopt", "fatrop"):
             each = measured(None, solver=name, steps=FIRST + 2, **call)
-            row.append(middle(each["cpu"]) / each["iterations"])
-        found[size] = row
-        times = "  ".join(f"{value:8.2f}" for value in row)
+            values.append(middle(each["cpu"]) / each["iterations"])
+        found[size] = values
+        times = "  ".join(f"{value:8.2f}" for value in values)
         print(f"{size[0]:8d}  {size[1]:2d}  {times}  {fast['cold'][0]:7.1f}  "
               f"{fast['cold'][1]:10.1f}", flush=True)  # fmt: skip
     for word, chosen in (("N", sizes[:3]), ("segments", [sizes[1], *sizes[3:]])):
@@ -190,6 +195,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="fewer steps and sizes")
+    parser.add_argument("--real-time", action="store_true", help="step times of nothing else")
     parser.add_argument("--one", type=json.loads, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
@@ -197,9 +203,11 @@ def main() -> None:
         return
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     with tempfile.TemporaryDirectory() as cache:
-        closed_loop(cache, 40 if given.quick else 160)
-        step_times(cache, 12 if given.quick else 40)
-    growth(12 if given.quick else 40, given.quick)
+        if not given.real_time:
+            closed_loop(cache, 40 if given.quick else 160)
+        step_times(cache, 12 if given.quick else 40, given.real_time)
+    if not given.real_time:
+        growth(12 if given.quick else 40, given.quick)
 
 
 if __name__ == "__main__":
