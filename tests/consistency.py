@@ -25,7 +25,7 @@ from softmpc.estimation.process import Process, ProcessNoise, Spread
 from softmpc.estimation.sensing import Sample, Sensing
 from softmpc.estimation.sensors import TICK, SectionTips, Sensor, UnitPressures
 from softmpc.model.disturbance import Disturbance
-from softmpc.model.model import Model, build
+from softmpc.model.model import build
 from softmpc.model.payload import Payload
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene

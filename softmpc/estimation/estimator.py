@@ -8,7 +8,8 @@ depends on these, not on the order of arrival or on when it was asked.
 A reading that is not finite, frozen, or absurdly far from what is expected is left out. One that is
 only too far counts as if it were at the edge of what is likely: it pulls, but no harder than a good
 one may. The covariance is left alone: a larger one would make the filter follow motions that its
-model does not have, and the loop with it unstable.
+model does not have, and the loop with it unstable. Only where all readings of one sensor have been
+absurd for long does it grow by that at the start, until they count again.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ MEMORY = 250  # ticks that a reading may be late
 FAR = 1e-4  # share of good readings that are farther than the edge
 ABSURD = 10.0  # times the distance of that edge
 DOUBTED = 3  # readings beyond it in a row, from which on they contradict the estimate
+LOST = 2000  # ticks without a good reading of a sensor after which it is the filter that is lost
 LONGEST = 0.02  # s, of one step of the model
 CURVATURE = 3.0  # relative error of a slope for a strain that is off by its whole scale
 KEPT = 100_000  # innovations
@@ -48,7 +50,7 @@ class Estimator:
     """Estimates the state of one model from samples of its sensors.
 
     What these can tell is looked at when it is made, at the state and input of rest `at`, that of
-    no input if it is not given: the attribute `observability`. Raises `BuildError` where a part of
+    no input if it is not given: the attribute `observability`. Raises `InputError` where a part of
     the disturbance can never be known.
     """
 
@@ -268,8 +270,10 @@ class Estimator:
         knot.contradicted |= beyond >= DOUBTED
         good = trust[i].good
         if accepted:
-            s, P = updated(s, P, H, replace(found, e=found.e / max(far, 1.0)))
+            s, P = updated(s, P, H, replace(found, gain=found.gain / max(far, 1.0)))
             good = knot.tick
+        elif knot.tick - good >= LOST:
+            P = P + np.diag(self._spread)
         return Belief(s, P, a, _with(trust, i, Trust(good, beyond)))
 
     def _prune(self, tick: int) -> None:

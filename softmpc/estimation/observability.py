@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softmpc.errors import BuildError
+from softmpc.errors import InputError
 from softmpc.estimation.kalman import expected, predicted, updated
 from softmpc.estimation.process import Process
 from softmpc.estimation.sensors import TICK, Reading, Sensor
@@ -120,14 +120,14 @@ class Observability:
             LOG.info("readings tell little of the %s", line)
 
     def require_detectable(self) -> None:
-        """Raise `BuildError` where a part of the disturbance can never be known."""
+        """Raise `InputError` where a part of the disturbance can never be known."""
         lost = self.undetectable
         if not lost:
             return
         names = "; ".join(map(str, lost))
         mentioned = " ".join(name for one in lost for name in one.variables)
         hint = next((text for key, text in HINTS.items() if key in mentioned), HINTS["force on"])
-        raise BuildError(
+        raise InputError(
             f"the sensors do not tell {len(lost)} of {self.needed} directions of the disturbance "
             f"({self.outputs} values are measured): {names}; {hint}"
         )
