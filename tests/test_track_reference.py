@@ -25,6 +25,7 @@ SHAPES: dict[str, dict[str, Any]] = {
     "circle": {"center": [0.1, 0, 0.6], "diameter": 0.05},
     "figure-eight": {"center": [0.1, 0, 0.6], "width": 0.05, "height": 0.02},
     "helix": {"center": [0.1, 0, 0.6], "diameter": 0.05, "pitch": 0.01},
+    "point": {"center": [0.1, 0, 0.6]},
     "line": {"start": [0.1, 0, 0.6], "end": [0.1, 0.01, 0.6]},
     "waypoints": {"file": "points.csv"},
 }
