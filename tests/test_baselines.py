@@ -1,4 +1,4 @@
-"""Baselines on one short line, and a cheaper controller on the same plant."""
+"""Baselines on one short line, and cheaper controllers on the same plant."""
 
 from pathlib import Path
 
@@ -7,8 +7,10 @@ import pytest
 
 from softmpc.control.compare import controllers_of, row_of
 from softmpc.control.tracking import read_tracking, set_up
+from softmpc.errors import SceneError
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
+from softmpc.model.scene_file import scene_from_dict
 
 LINE = {
     "path": "line", "start": [0.1, 0.0, 0.57], "end": [0.13, 0.02, 0.57],
@@ -30,12 +32,39 @@ def test_the_controller_is_the_best_and_converged(rows) -> None:
     assert all(row["failures"] == 0 and np.isfinite(row["variation"]) for row in rows.values())
 
 
-def test_cheaper_controller_is_better_than_feed_forward(rows) -> None:
-    cheap = {"horizon": 8, "scene": {"actuation": {"kind": "slow-mode"}}}
-    task = read_tracking({**LINE, "controller": cheap}, Path("."), {})
+WITHOUT = {"inertia": False, "environment_damping": False, "material_damping": False}
+CHEAPER = {  # changes of the scene, states, and how many times the full controller's error at most
+    "slow mode": ({"actuation": {"kind": "slow-mode"}}, 22, 1.05),
+    "no inertia, static drive": (
+        {"effects": {"inertia": False}, "actuation": {"kind": "static"}},
+        16,
+        600,
+    ),
+    "statics": ({"effects": WITHOUT, "actuation": {"kind": "static"}}, 16, None),
+}
+
+
+@pytest.mark.parametrize("name", CHEAPER)
+def test_cheaper_controllers(rows, name: str) -> None:
+    """What a model leaves out costs error, but no failure; only statics are as bad as none."""
+    changes, states, times = CHEAPER[name]
+    document = {"effects": {"gravity": [0.0, 0.0, 9.81]}}
+    assert scene_from_dict(document) == Scene(chen2022())
+    controller = {"horizon": 8, "scene": changes}
+    task = read_tracking({**LINE, "controller": controller}, Path("."), document)
     setup = set_up(Scene(chen2022()), task)
-    assert len(setup.ocp.model.layout.x) < len(setup.plant.model.layout.x)
+    assert len(setup.ocp.model.layout.x) == states
     result = setup.run(setup.controller)
-    assert result.failures == 0
-    found = row_of(result)["rms_error_mm"]
-    assert found < 0.5 * rows["feed-forward"]["rms_error_mm"]
+    assert result.failures == 0 and result.u.min() >= 0 and result.u.max() <= 2.5
+    found, full = (row["rms_error_mm"] for row in (row_of(result), rows["real-time"]))
+    if times is None:
+        assert found < 1.05 * rows["feed-forward"]["rms_error_mm"]
+    else:
+        assert found <= times * full and found < 0.2 * rows["feed-forward"]["rms_error_mm"]
+
+
+def test_changes_of_a_scene_need_the_scene() -> None:
+    """Without it they would change a scene file's defaults, in which the arm weighs nothing."""
+    controller = {"scene": {"actuation": {"kind": "slow-mode"}}}
+    with pytest.raises(SceneError, match=r"\[track.controller\] scene changes .* scene_to_dict"):
+        read_tracking({**LINE, "controller": controller}, Path("."))

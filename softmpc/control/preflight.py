@@ -67,7 +67,7 @@ class Finding:
         }[self.kind]
         note = f" ({self.note})" if self.note else ""
         when = f"t = {self.start:.2f} to {self.end:.2f} s"
-        amount = f"{self.excess:.3g} {self.unit}"
+        amount = f"{self.excess:{'.0f' if self.excess >= 100 else '.3g'}} {self.unit}"
         return f"{self.kind}: {when}: {what} by up to {amount}, at ({place}) m{note}"
 
 

@@ -51,7 +51,8 @@ def read_tracking(
 ) -> Tracking:
     """The [track] table; files it names are looked for in `folder`.
 
-    `document` is the scene file around it, which the scenes of controller and plant change.
+    `document` is the scene file around it, which the scenes of controller and plant change; for a
+    scene made in Python it is `scene_to_dict(scene)`.
     """
     table = Table(data, "[track]")
     reference = read_reference(table, folder)
@@ -66,7 +67,9 @@ def read_tracking(
         Table(table.raw(name, {}), f"[track.{name}]") for name in ("controller", "plant")
     )
     table.finish()
-    own = {name: part for name, part in (document or {}).items() if name in TABLES}
+    own = None
+    if document is not None:
+        own = {name: part for name, part in document.items() if name in TABLES}
     settings = read_controller(controller, _other_scene(controller, own, folder))
     controller.finish()
     method = _read_method(plant)
@@ -89,7 +92,7 @@ def _read_method(table: Table) -> Method:
         return Method(name, **given)
 
 
-def _other_scene(table: Table, own: Mapping[str, Any], folder: Path) -> Scene | None:
+def _other_scene(table: Table, own: Mapping[str, Any] | None, folder: Path) -> Scene | None:
     """Another file, or changes of this one; None where the table has neither."""
     given = table.raw("scene", None)
     if given is None:
@@ -103,6 +106,11 @@ def _other_scene(table: Table, own: Mapping[str, Any], folder: Path) -> Scene | 
     if not isinstance(given, dict):
         raise table.error(
             "scene", given, "a file in quotes or a table of changes, {model = {segments = 1}}"
+        )
+    if own is None:
+        raise SceneError(
+            f"{where} changes a scene that is not known here: give read_tracking the document, "
+            "such as scene_to_dict(scene)"
         )
     with errors_in(where):
         return scene_from_dict(_changed(own, given))

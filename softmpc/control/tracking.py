@@ -40,13 +40,14 @@ CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
 NAMELESS = {"controller": ""}  # of a run with another controller than the task's
 LINES = 4  # of what is infeasible, in an error
+SLOWER = "give it more time (lap_time), or allow more (tip_deviation, torque_rate)"
 ADVICE = {
     "reach": "move it towards the arm's tip at half pressure, or make it smaller",
     "torque": "move it, or allow more torque",
-    "torque rate": "give it more time (lap_time), or raise torque_rate",
-    "bandwidth": "give it more time (lap_time), make it smaller, or allow more (tip_deviation)",
-    "torque at speed": "give it more time (lap_time), or make it smaller",
-    "torque rate at speed": "give it more time (lap_time), or raise torque_rate",
+    "torque rate": SLOWER,
+    "bandwidth": SLOWER,
+    "torque at speed": SLOWER,
+    "torque rate at speed": SLOWER,
     "controller": "give the controller's scene what it lacks for this path, such as strains",
 }
 
@@ -198,7 +199,7 @@ def _stop_where_infeasible(preflight: Preflight) -> None:
     lines, kinds = preflight.lines, {finding.kind for finding in preflight.findings}
     more = f"\n  and {len(lines) - LINES} more" if len(lines) > LINES else ""
     said = "".join(f"\n  {line}" for line in lines[:LINES]) + more
-    advice = "; ".join(what for kind, what in ADVICE.items() if kind in kinds)
+    advice = "; ".join(dict.fromkeys(what for kind, what in ADVICE.items() if kind in kinds))
     raise SceneError(
         f"[track]: the path is infeasible:{said}\n  {advice}; or run it as far as it goes with "
         "--on-infeasible project"
