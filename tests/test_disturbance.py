@@ -94,7 +94,7 @@ def test_a_plan_is_what_the_estimator_expects(
     )
     u, _, x = transcription.split(solution.w)
     process = Process(model, disturbance, ProcessNoise(), "never")
-    s, a = np.concatenate([start.x / model.layout.x.scale, d]), np.zeros(process.unknowns)
+    s, a = np.concatenate([start.x / model.layout.x.scale, d]), None
     for k in range(N):
         s, _, a = process.advance(s, u[k], STEP, a)
         assert np.abs(s[: process.nx] - x[k] / model.layout.x.scale).max() < 1e-5
@@ -106,7 +106,7 @@ def test_slopes_against_differences(
     process = Process(model, disturbance, ProcessNoise(), "never")
     s = np.concatenate([start.x / model.layout.x.scale, d])
     s[8:16] = 0.05
-    a = process.advance(s, start.u, 0.01, np.zeros(process.unknowns))[2]
+    a = process.advance(s, start.u, 0.01)[2]
     _, slope, _ = process.advance(s, start.u, 0.01, a)
     for i in range(process.size):
         e = 1e-5 * np.eye(process.size)[i]
@@ -125,7 +125,7 @@ def test_a_step_against_idas(segments: int) -> None:
     errors = []
     for length in (0.005, 0.01):
         s = np.concatenate([x / model.layout.x.scale, np.zeros(12)])
-        found = process.advance(s, u, length, np.zeros(process.unknowns))[0][: process.nx]
+        found = process.advance(s, u, length)[0][: process.nx]
         errors.append(np.abs(found - plant.advance(x, u, length)[-1] / model.layout.x.scale).max())
     assert errors[1] < 5e-4 and errors[0] < errors[1] / 4
 
@@ -135,7 +135,7 @@ def test_at_rest_it_is_a_force_and_an_offset(
 ) -> None:
     """The arm under constant input settles where SciPy finds N - τ = F d."""
     process = Process(model, disturbance, ProcessNoise(), "never")
-    s, a = np.concatenate([start.x / model.layout.x.scale, d]), np.zeros(process.unknowns)
+    s, a = np.concatenate([start.x / model.layout.x.scale, d]), None
     for _ in range(600):
         s, _, a = process.advance(s, start.u, 0.02, a)
     p = model.drive.static_gain @ (start.u + disturbance.G @ d)
@@ -155,7 +155,7 @@ def test_mpc_rejects_a_disturbance_it_is_told_of(
     for told in (True, False):
         mpc = Mpc(transcription, make_solver("real-time", transcription))
         references = given(model, start, d if told else 0 * d)
-        s, u, a = np.concatenate([start.x / model.layout.x.scale, d]), start.u, np.zeros(16)
+        s, u, a = np.concatenate([start.x / model.layout.x.scale, d]), start.u, None
         for _ in range(60):
             step = mpc.step(s[:34] * model.layout.x.scale, u, references)
             assert step.solved

@@ -9,6 +9,7 @@ form of the step, so that one function serves steps of any length.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import casadi as ca
@@ -20,7 +21,7 @@ from softmpc.control.step_form import StepForm
 from softmpc.model.model import Model
 from softmpc.simulation.tableau import Tableau, radau_iia
 
-__all__ = ["STAGES", "ArmStep", "Length"]
+__all__ = ["STAGES", "ArmStep", "Length", "Stages"]
 
 Array = np.ndarray
 STAGES = 2
@@ -37,15 +38,24 @@ class Length:
     by_unknowns: Array  # 2n × s·n
 
 
+@dataclass(frozen=True)
+class Stages:
+    """A step that was solved: its causes (q, dq, pressures at the stages, force), its unknowns,
+    and their slope in the causes. The next ones begin on that slope."""
+
+    causes: Array
+    a: Array
+    slope: Array
+
+
 class ArmStep:
-    """Steps of one model under pressures p at the stages (s·m) and a constant force f (n)."""
+    """Steps of one model under pressures at the stages (s·m) and a constant force (n)."""
 
     def __init__(self, model: Model, mode: str = "auto") -> None:
         from scipy.linalg.lapack import dgesv
 
         self.model, self._solve = model, dgesv
         self.tableau: Tableau = radau_iia(STAGES)
-        self.unknowns = STAGES * model.strains
         self._scale = StepForm.scale(model, STAGES)
         self._equations = Buffered(compiled(_function(model), mode))
 
@@ -58,36 +68,37 @@ class ArmStep:
         shape = np.concatenate([form.of_rate, form.to_strain.T.ravel(), form.to_rate.T.ravel()])
         return Length(shape, np.block(start), np.kron(ends, eye))
 
-    def solve(self, y: Array, p: Array, f: Array, a: Array, of: Length) -> tuple[Array, Array]:
-        """Unknowns of the stages (s·n), and their slopes (s·n × 2n + s·m + n) in y, p and f.
+    def solve(self, causes: Array, before: Stages | None, of: Length) -> Stages:
+        """Unknowns of a step, by Newton's method from what a step before makes likely.
 
-        y is (q, dq) at the start, `a` is where the iterations begin. Raises `ArithmeticError` where
-        they end nowhere.
+        Raises `ArithmeticError` where it ends nowhere.
         """
-        most = np.inf
+        most, a = np.inf, np.zeros(len(self._scale))
+        if before is not None:
+            a = before.a + before.slope @ (causes - before.causes)
         for _ in range(ITERATIONS):
-            by_a, right = self._equations(y, p, f, a, of.shape)
+            by_a, right = self._equations(causes, a, of.shape)
             _, _, found, singular = self._solve(by_a.T, right.T)
             a = a - found[:, 0]
-            most = np.abs(found[:, 0] / self._scale).max()
-            if singular or not np.isfinite(most):
+            most = float(np.abs(found[:, 0] / self._scale).max())
+            if singular or not isfinite(most):
                 break
             if most <= CONVERGED:
-                return a, -found[:, 1:]
+                return Stages(causes, a, -found[:, 1:])
         raise ArithmeticError(f"the stages of a step end {most:.3g} of their size apart")
 
 
 def _function(model: Model) -> ca.Function:
-    """(y, p, f, a, shape) -> slope of the stages' equations in a; their values, and slopes in
-    y, p and f side by side; dense."""
+    """(causes, a, shape) -> slope of the stages' equations in a; their values, and their slope in
+    the causes beside them; dense."""
     n, m = model.strains, len(model.layout.p)
-    y, f, a = ca.MX.sym("y", 2 * n), ca.MX.sym("f", n), ca.MX.sym("a", STAGES * n)
-    p, shape = ca.MX.sym("p", STAGES * m), ca.MX.sym("shape", STAGES + 2 * STAGES**2)
+    causes, a = ca.MX.sym("causes", 3 * n + STAGES * m), ca.MX.sym("a", STAGES * n)
+    shape = ca.MX.sym("shape", STAGES + 2 * STAGES**2)
+    q, dq, p, f = ca.vertsplit(causes, [0, n, 2 * n, 2 * n + STAGES * m, 3 * n + STAGES * m])
     of_rate, to_strain, to_rate = ca.vertsplit(
         shape, [0, STAGES, STAGES + STAGES**2, STAGES + 2 * STAGES**2]
     )
     to_strain, to_rate = (ca.reshape(x, STAGES, STAGES) for x in (to_strain, to_rate))
-    q, dq = ca.vertsplit(y, n)
     parts, pressures = ca.vertsplit(a, n), ca.vertsplit(p, m)
     accelerates = model.order == 2
     r, by_a, by = [], [], []
@@ -107,4 +118,4 @@ def _function(model: Model) -> ca.Function:
         by.append(ca.horzcat(K, by_rate, *to_p, -ca.MX.eye(n)))
     right = ca.horzcat(ca.vertcat(*r), ca.vertcat(*by))
     outputs = [ca.densify(x) for x in (ca.vertcat(*by_a), right)]
-    return ca.Function("arm_stages", [y, p, f, a, shape], outputs)
+    return ca.Function("arm_stages", [causes, a, shape], outputs)

@@ -24,7 +24,7 @@ import numpy as np
 from softmpc.control.closed_loop import start_at
 from softmpc.errors import InputError
 from softmpc.estimation.kalman import Innovation, expected, gate, predicted, updated
-from softmpc.estimation.knots import Belief, Estimate, Health, Knot, Trust, by_stamp
+from softmpc.estimation.knots import Belief, Estimate, Health, Knot, Trust
 from softmpc.estimation.observability import observability
 from softmpc.estimation.plausibility import Plausibility
 from softmpc.estimation.process import Process, Spread
@@ -93,12 +93,12 @@ class Estimator:
         p = self.process
         s = np.concatenate([_finite("x", x, p.nx), np.zeros(len(p.disturbance))]) / p.scale
         trust = tuple(Trust(tick) for _ in self.sensors)
-        start = Belief(s, np.diag(self._spread), np.zeros(p.unknowns), trust)
+        start = Belief(s, np.diag(self._spread), None, trust)
         self._knots = [Knot(tick, start)]
         self._tail: tuple[Belief, int, Belief] | None = None  # a knot's belief moved to a tick
         self._now = tick, start  # of the last estimate
         self._times, self._inputs = [tick - 1], [_finite("u", u, len(self.model.layout.u))]
-        self._samples: list[Sample] = []
+        self._samples: dict[int, dict[int, Sample]] = {}  # by tick and sensor
         self._plausibility.reset()
         self._reasons: list[Counter[str]] = [Counter() for _ in self.sensors]
         self._settled: deque[Innovation] = deque(maxlen=KEPT)
@@ -117,18 +117,15 @@ class Estimator:
     def receive(self, samples: Iterable[Sample]) -> None:
         """Readings that have arrived."""
         for sample in samples:
-            place = bisect_left(self._samples, by_stamp(sample), key=by_stamp)
             reason = self._plausibility.fault(sample)
             if not reason and sample.stamp < self._knots[0].tick:
                 reason = "too late"
-            if not reason and [*map(by_stamp, self._samples[place : place + 1])] == [
-                by_stamp(sample)
-            ]:
+            if not reason and sample.sensor in self._samples.get(sample.stamp, ()):
                 reason = "twice"
             if reason:
                 self._reasons[sample.sensor][reason] += 1
                 continue
-            self._samples.insert(place, sample)
+            self._samples.setdefault(sample.stamp, {})[sample.sensor] = sample
             self._forget_after(sample.stamp)
             if self._knots[-1].tick == sample.stamp:
                 self._knots[-1] = Knot(sample.stamp, self._knots[-1].before)
@@ -196,9 +193,7 @@ class Estimator:
 
     def _stops(self, now: int, tick: int) -> list[int]:
         """Times of readings and new inputs after `now` until `tick`."""
-        first = bisect_left(self._samples, now + 1, key=_stamp)
-        last = bisect_left(self._samples, tick + 1, key=_stamp)
-        stops = {sample.stamp for sample in self._samples[first:last]}
+        stops = {t for t in self._samples if now < t <= tick}
         stops.update(t for t in self._times if now < t <= tick)
         return sorted(stops)
 
@@ -223,11 +218,11 @@ class Estimator:
             return belief
         length = (tick - now) * TICK
         pieces = max(1, int(np.ceil(length / LONGEST - 1e-9)))
-        s, P, a, trust = belief
+        s, P, stages, trust = belief
         for _ in range(pieces):
-            s, A, a = self.process.advance(s, u, length / pieces, a)
+            s, A, stages = self.process.advance(s, u, length / pieces, stages)
             P = predicted(P, A, self.process.spread(length / pieces), self._bent(P))
-        return Belief(s, P, a, trust)
+        return Belief(s, P, stages, trust)
 
     def _bent(self, P: Array) -> float:
         """Share of a variance that linearising leaves: as large as the uncertainty of the strains.
@@ -239,10 +234,7 @@ class Estimator:
     def _take_readings(self, knot: Knot) -> None:
         """Let the readings of a knot's time count."""
         belief, u = knot.before, self._input(knot.tick - 1)  # what was applied until then
-        place = bisect_left(self._samples, knot.tick, key=_stamp)
-        for sample in self._samples[place:]:
-            if sample.stamp > knot.tick:
-                break
+        for _, sample in sorted(self._samples.get(knot.tick, {}).items()):
             belief = self._corrected(knot, belief, sample, u)
         knot.after = belief
 
@@ -257,7 +249,7 @@ class Estimator:
         return y, H
 
     def _corrected(self, knot: Knot, belief: Belief, sample: Sample, u: Array) -> Belief:
-        i, (s, P, a, trust) = sample.sensor, belief
+        i, (s, P, stages, trust) = sample.sensor, belief
         y, H = self._seen(i, s, u)
         bent = 0.0 if self._linear[i] is not None else self._bent(P)
         found = expected(P, sample.value - y, H, self._R[i], bent)
@@ -274,7 +266,7 @@ class Estimator:
             good = knot.tick
         elif knot.tick - good >= LOST:
             P = P + np.diag(self._spread)
-        return Belief(s, P, a, _with(trust, i, Trust(good, beyond)))
+        return Belief(s, P, stages, _with(trust, i, Trust(good, beyond)))
 
     def _prune(self, tick: int) -> None:
         """Forget what no reading can come before any more."""
@@ -286,19 +278,16 @@ class Estimator:
                 if not one.accepted:
                     self._reasons[one.sensor]["too far"] += 1
         first = self._knots[0].tick
-        del self._samples[: bisect_left(self._samples, first, key=_stamp)]
-        old = max(bisect_right(self._times, first - 1) - 1, 0)
-        del self._times[:old], self._inputs[:old]
+        for old in [t for t in self._samples if t < first]:
+            del self._samples[old]
+        past = max(bisect_right(self._times, first - 1) - 1, 0)
+        del self._times[:past], self._inputs[:past]
 
 
 def _resting(model: Model) -> tuple[Array, Array]:
     """State and input of the arm at rest without pressure."""
     start = start_at(model, find_equilibrium(model, np.zeros(len(model.layout.p))))
     return start.x, start.u
-
-
-def _stamp(sample: Sample) -> int:
-    return sample.stamp
 
 
 def _with(trust: tuple[Trust, ...], i: int, one: Trust) -> tuple[Trust, ...]:

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softmpc.estimation.arm_step import Stages
 from softmpc.estimation.kalman import Innovation
-from softmpc.estimation.sensing import Sample
 
-__all__ = ["Belief", "Estimate", "Health", "Knot", "Trust", "by_stamp"]
+__all__ = ["Belief", "Estimate", "Health", "Knot", "Trust"]
 
 Array = np.ndarray
 
@@ -39,11 +39,11 @@ class Trust(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """Scaled state and covariance, unknowns of the last step's stages, trust in each sensor."""
+    """Scaled state and covariance, the last step's stages, trust in each sensor."""
 
     s: Array
     P: Array
-    a: Array
+    stages: Stages | None
     trust: tuple[Trust, ...]
 
 
@@ -65,8 +65,3 @@ class Health:
 
     good: int
     reasons: Counter[str]
-
-
-def by_stamp(sample: Sample) -> tuple[int, int]:
-    """The order in which readings count, whatever that of their arrival."""
-    return sample.stamp, sample.sensor

@@ -143,7 +143,7 @@ def linear_at(
     """The estimator's model at a state of rest."""
     p = process
     s = np.concatenate([x, np.zeros(len(p.disturbance))]) / p.scale
-    _, A, _ = p.advance(s, u, STEP, np.zeros(p.unknowns))
+    _, A, _ = p.advance(s, u, STEP)
     H, R = [np.zeros((0, p.size))], [np.zeros(0)]
     for sensor, reading in zip(sensors, readings, strict=True):
         if sensor.dropout < 1.0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Plausibility:
 
     def reset(self) -> None:
         """Forget the readings before."""
-        self._last: list[np.ndarray | None] = [None] * len(self._sizes)
+        self._last = [b""] * len(self._sizes)
         self._equal = [1] * len(self._sizes)
 
     def fault(self, sample: Sample) -> str:
@@ -32,9 +33,9 @@ class Plausibility:
         i, value = sample.sensor, np.asarray(sample.value, float).ravel()
         if len(value) != self._sizes[i]:
             return "wrong size"
-        if not np.all(np.isfinite(value)):
+        if not isfinite(value @ value):
             return "not finite"
-        last = self._last[i]
-        same = last is not None and bool(np.array_equal(value, last))
-        self._last[i], self._equal[i] = value, self._equal[i] + 1 if same else 1
+        bits = value.tobytes()
+        self._equal[i] = self._equal[i] + 1 if bits == self._last[i] else 1
+        self._last[i] = bits
         return "frozen" if self._noisy[i] and self._equal[i] >= FROZEN_AFTER else ""

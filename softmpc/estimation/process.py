@@ -12,7 +12,7 @@ import numpy as np
 
 from softmpc.control.discretise import held_input
 from softmpc.control.transcription import require_linear_drive
-from softmpc.estimation.arm_step import ArmStep, Length
+from softmpc.estimation.arm_step import ArmStep, Length, Stages
 from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
 
@@ -46,14 +46,15 @@ class Spread:
 
 @dataclass(frozen=True)
 class _Step:
-    """All of a step of one length that does not depend on the state; s is scaled, the rest SI."""
+    """All of a step of one length that does not depend on the state: its causes and its end by s
+    and by u (SI), without what the unknowns of the stages bring, and that by these."""
 
     arm: Length
-    drive_by_s: Array  # of the pressures at the stages, and of the drive's states at the end
-    drive_by_u: Array
-    slope: Array  # of s after the step in s, without what the unknowns bring
-    ends: Array  # arm's rows of s by the unknowns
-    enters: Array  # the unknowns' causes (q, dq, pressures at the stages, force) by s
+    causes: Array
+    causes_by_u: Array
+    end: Array
+    end_by_u: Array
+    unknowns: Array  # of the arm's part of s
 
 
 class Process:
@@ -68,7 +69,6 @@ class Process:
         self.size = self.nx + len(disturbance)
         self.scale = np.concatenate([model.layout.x.scale, np.ones(len(disturbance))])
         self.arm = ArmStep(model, mode)
-        self.unknowns = self.arm.unknowns  # of the stages of a step
         self._steps: dict[float, _Step] = {}
         self._intensity = self.variances(noise)  # a second
 
@@ -98,38 +98,40 @@ class Process:
     def _prepared(self, length: float) -> _Step:
         drive, d, arm = self.model.drive, self.disturbance, self.arm.length(length)
         pairs = [held_input(drive.A, drive.B, c * length) for c in self.arm.tableau.c]
-        phi, gamma = ([pair[i] for pair in pairs] for i in (0, 1))
-        by_z = np.vstack([*(drive.C @ one for one in phi), phi[-1]])
-        by_u = np.vstack([*(drive.C @ one + drive.D for one in gamma), gamma[-1]])
-        ends, wet = 2 * self.n, slice(2 * self.n, self.nx)
-        drive_by_s = np.zeros((len(by_u), self.size))
-        drive_by_s[:, wet], drive_by_s[:, self.nx :] = by_z, by_u @ d.G
-        drive_by_s *= self.scale
-        slope = np.diag(self.scale)
-        slope[:ends, :ends] = arm.by_start * self.scale[:ends]
-        slope[wet] = drive_by_s[len(by_u) - len(drive.A) :]
-        enters = np.zeros((ends + len(by_u) - len(drive.A) + self.n, self.size))
-        enters[:ends, :ends] = np.diag(self.scale[:ends])
-        enters[ends : -self.n] = drive_by_s[: len(by_u) - len(drive.A)]
-        enters[-self.n :, self.nx :] = d.F
-        small = arm.by_unknowns / self.scale[:ends, None]
-        return _Step(arm, drive_by_s, by_u, slope / self.scale[:, None], small, enters)
+        ends, n, nx = 2 * self.n, self.n, self.nx
+        pressures = np.vstack(
+            [np.hstack([drive.C @ phi, drive.C @ g + drive.D]) for phi, g in pairs]
+        )
+        by_z, by_u = pressures[:, : nx - ends], pressures[:, nx - ends :]
+        phi, gamma = pairs[-1]
+        causes = np.zeros((ends + len(by_u) + n, self.size))
+        causes[:ends, :ends] = np.eye(ends)
+        causes[ends:-n, ends:nx], causes[ends:-n, nx:] = by_z, by_u @ d.G
+        causes[-n:, nx:] = d.F
+        causes_by_u = np.zeros((len(causes), len(d.G)))
+        causes_by_u[ends:-n] = by_u
+        end, end_by_u = np.eye(self.size), np.zeros((self.size, len(d.G)))
+        end[:ends, :ends] = arm.by_start
+        end[ends:nx, ends:nx], end[ends:nx, nx:] = phi, gamma @ d.G
+        end_by_u[ends:nx] = gamma
+        size = self.scale[:, None]
+        return _Step(
+            arm, causes * self.scale, causes_by_u, end * self.scale / size, end_by_u / size,
+            arm.by_unknowns / size[:ends],
+        )  # fmt: skip
 
-    def advance(self, s: Array, u: Array, length: float, a: Array) -> tuple[Array, Array, Array]:
-        """s after `length` seconds under the input u (k, SI), its slope in s, and the new a.
+    def advance(
+        self, s: Array, u: Array, length: float, before: Stages | None = None
+    ) -> tuple[Array, Array, Stages]:
+        """s after `length` seconds under the input u (k, SI), its slope in s, and its stages.
 
-        `a` holds unknowns of the stages of a step before, where the iterations begin. Raises
-        `ArithmeticError` where they end nowhere.
+        `before` are the stages of a step before, which make it quicker. Raises `ArithmeticError`
+        where the step has no solution.
         """
         of, ends = self._step(length), 2 * self.n
-        wet = of.drive_by_s @ s + of.drive_by_u @ u
-        stages = len(wet) - (self.nx - ends)
-        force = self.disturbance.F @ s[self.nx :]
-        y = s[:ends] * self.scale[:ends]
-        a, slopes = self.arm.solve(y, wet[:stages], force, a, of.arm)
-        after = s.copy()
-        after[:ends] = of.slope[:ends, :ends] @ s[:ends] + of.ends @ a
-        after[ends : self.nx] = wet[stages:] / self.scale[ends : self.nx]
-        A = of.slope.copy()
-        A[:ends] += of.ends @ (slopes @ of.enters)
-        return after, A, a
+        stages = self.arm.solve(of.causes @ s + of.causes_by_u @ u, before, of.arm)
+        after = of.end @ s + of.end_by_u @ u
+        after[:ends] += of.unknowns @ stages.a
+        A = of.end.copy()
+        A[:ends] += of.unknowns @ (stages.slope @ of.causes)
+        return after, A, stages
