@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["command"]
 
+LINES = 6  # of what is infeasible, for people
+
 
 @click.command("track")
 @scene_argument
@@ -199,5 +201,8 @@ def _text(data: dict[str, Any]) -> str:
     rows.append(("steps", f"{data['steps']}, {data['failures']} failed"))
     used = (f"{name} {share:.2g}" for name, share in data.get("deviations", {}).items())
     rows.append(("RMS over what costs ½", ", ".join(used) or "not known"))
-    infeasible = [f"infeasible: {line}" for line in data.get("infeasible", [])]
+    found = data.get("infeasible", [])
+    infeasible = [f"infeasible: {line}" for line in found[:LINES]]
+    if len(found) > LINES:
+        infeasible.append(f"infeasible: and {len(found) - LINES} more, see --json")
     return "\n".join([data["title"], table(rows), *infeasible])
