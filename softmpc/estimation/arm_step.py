@@ -9,7 +9,7 @@ form of the step, so that one function serves steps of any length.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 import casadi as ca
@@ -25,7 +25,7 @@ __all__ = ["STAGES", "ArmStep", "Length", "Stages"]
 
 Array = np.ndarray
 STAGES = 2
-CONVERGED = 3e-3  # scaled change of the unknowns in the last of quadratically converging iterations
+CONVERGED = 0.03  # scaled change of the unknowns in the last of quadratically converging iterations
 ITERATIONS = 12
 
 
@@ -73,12 +73,14 @@ class ArmStep:
 
         Raises `ArithmeticError` where it ends nowhere.
         """
-        most, a = np.inf, np.zeros(len(self._scale))
-        if before is not None:
+        most = inf
+        if before is None:
+            a = np.zeros(len(self._scale))
+        else:
             a = before.a + before.slope @ (causes - before.causes)
         for _ in range(ITERATIONS):
             by_a, right = self._equations(causes, a, of.shape)
-            _, _, found, singular = self._solve(by_a.T, right.T)
+            _, _, found, singular = self._solve(by_a.T, right.T, overwrite_a=1, overwrite_b=1)
             a = a - found[:, 0]
             most = float(np.abs(found[:, 0] / self._scale).max())
             if singular or not isfinite(most):

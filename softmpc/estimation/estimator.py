@@ -18,6 +18,7 @@ from bisect import bisect_left, bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 
@@ -253,23 +254,24 @@ class Estimator:
         y, H = self._seen(i, s, u)
         bent = 0.0 if self._linear[i] is not None else self._bent(P)
         found = expected(P, sample.value - y, H, self._R[i], bent)
-        far = np.sqrt(found.nis / self._gates[i])
-        accepted = bool(far <= ABSURD)
-        knot.seen.append(
-            Innovation(i, sample.stamp, found.e, np.sqrt(found.variances), found.nis, accepted)
-        )
+        far, good = sqrt(found.nis / self._gates[i]), trust[i].good
+        accepted = far <= ABSURD
+        spread = np.sqrt(found.variances)
+        knot.seen.append(Innovation(i, sample.stamp, found.e, spread, found.nis, accepted))
         beyond = trust[i].beyond + 1 if far > 1.0 else 0
         knot.contradicted |= beyond >= DOUBTED
-        good = trust[i].good
         if accepted:
-            s, P = updated(s, P, H, replace(found, gain=found.gain / max(far, 1.0)))
             good = knot.tick
+            if far > 1.0:
+                found = replace(found, gain=found.gain / far)
+            s, P = updated(s, P, H, found)
         elif knot.tick - good >= LOST:
             P = P + np.diag(self._spread)
         return Belief(s, P, stages, _with(trust, i, Trust(good, beyond)))
 
     def _prune(self, tick: int) -> None:
         """Forget what no reading can come before any more."""
+        first = self._knots[0].tick
         while len(self._knots) > 1 and self._knots[1].tick <= tick - MEMORY:
             knot = self._knots.pop(0)
             self._settled += knot.seen
@@ -277,6 +279,8 @@ class Estimator:
             for one in knot.seen:
                 if not one.accepted:
                     self._reasons[one.sensor]["too far"] += 1
+        if first == self._knots[0].tick:
+            return
         first = self._knots[0].tick
         for old in [t for t in self._samples if t < first]:
             del self._samples[old]

@@ -92,8 +92,12 @@ def updated(s: Array, P: Array, H: Array, of: Expected) -> tuple[Array, Array]:
     positive whatever the rounding of the gain K, and as cheap as the plain one.
     """
     K = of.gain
-    once = P - K @ of.HP
-    after = once - (once @ H.T - K * of.R) @ K.T
+    once = K @ of.HP
+    np.subtract(P, once, out=once)
+    other = once @ H.T
+    other -= K * of.R
+    after = other @ K.T
+    np.subtract(once, after, out=after)
     after += after.T
     after *= 0.5
     return s + K @ of.e, after

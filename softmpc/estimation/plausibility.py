@@ -30,8 +30,8 @@ class Plausibility:
 
     def fault(self, sample: Sample) -> str:
         """Why a reading cannot be used; empty where it can."""
-        i, value = sample.sensor, np.asarray(sample.value, float).ravel()
-        if len(value) != self._sizes[i]:
+        i, value = sample.sensor, np.asarray(sample.value, float)
+        if value.shape != (self._sizes[i],):
             return "wrong size"
         if not isfinite(value @ value):
             return "not finite"
