@@ -148,7 +148,7 @@ def test_solver_that_raises_in_the_loop(line: Setup, monkeypatch: pytest.MonkeyP
     assert result.error[-1] < 1e-3
 
 
-@pytest.mark.parametrize("kind", [FeedForward, Regulated])
+@pytest.mark.parametrize("kind", [FeedForward, pytest.param(Regulated, marks=pytest.mark.slow)])
 def test_baselines_keep_the_limits_too(fast: Setup, kind: type) -> None:
     result = fast.run(kind(fast.ocp, fast.guide))
     keeps_its_limits(result)

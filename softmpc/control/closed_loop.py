@@ -119,7 +119,7 @@ def loop_result(
     times: tuple[float, float, float],
     status: str,
 ) -> TrackResult:
-    """The record of a loop from its states at all samples; `times`: of a step, a sample, settled."""
+    """The record of a loop from its states at all samples; `times`: step, sample, settled."""
     step, sample, settle = times
     n, per_step = model.strains, round(step / sample)
     states = states[: 1 + len(steps) * per_step]

@@ -1,7 +1,7 @@
 """Where the nearest posture jumps: a way from the one before to the one after.
 
-Between both there is no way along the path. Under pressures that go straight from those of the one
-to those of the other the arm is at rest within all limits, and its tip runs through places in reach:
+Between both there is no way along the path. Under pressures that go straight from those of the
+one to those of the other the arm is at rest within all limits, its tip in reach all along:
 
     u(t) = (1 - s) u₋ + s u(t)₊,   s = τ² (3 - 2τ),   τ = (t - jump) / TRANSIT
 """
