@@ -119,7 +119,7 @@ def step_times(cache: str, steps: int, alone: bool) -> None:
           "(ms: median, 95 %, 100 %)")  # fmt: skip
     print("solver   compiled  torque          50 %      95 %     100 %   CPU 50 %  iterations  "
           "cost/IPOPT  at limit  failed")  # fmt: skip
-    fast = [("SQP", "auto"), ("RTI", "auto"), ("blocked", "auto")]
+    fast, compiled = [("SQP", "auto"), ("RTI", "auto"), ("blocked", "auto")], ""
     rows = [*((name, "never") for name in SOLVERS), *fast]
     for top, word in ((FULL, "free"), (SATURATED, "saturated"), (WEAK, "too weak")):
         best: list[float] = []
@@ -134,6 +134,12 @@ def step_times(cache: str, steps: int, alone: bool) -> None:
             shown = top > WEAK and not alone  # there is an IPOPT to compare with
             ratio = f"{found['costs'][FEW - 1] / best[FEW - 1]:.4f}" if shown else ""
             print(row(name, mode, word, found, ratio), flush=True)
+            if alone and mode == "auto" and not compiled:
+                compiled = "until it was ready {:.1f} s, {:.1f} s of processor time".format(
+                    *found["cold"]
+                )
+    if compiled:
+        print(f"The first compiled one started cold: {compiled}")
 
 
 def row(name: str, mode: str, word: str, found: dict[str, Any], ratio: str) -> str:
