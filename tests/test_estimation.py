@@ -283,7 +283,13 @@ def test_lost_readings_and_long_silence(
         P = run(estimator, start, kept)[-1].P
         spread.append(float(np.trace(P[tips, tips])))
     assert spread[0] < 0.7 * spread[1] and spread[1] < 0.5 * spread[2]
-    assert np.all(np.isfinite(estimator.estimate(20_000).x))  # 20 s later
+    found = estimator.estimate(120_000)  # two minutes later
+    assert np.all(np.isfinite(found.P)) and np.abs(found.x[tips]).max() < 10.0
+    tip = estimator.readings[0](start.x, start.u)[0]
+    for tick in range(120_000, 120_200, 10):  # and it comes back
+        estimator.receive([Sample(0, tick, tick, tip + 1e-9 * tick)])
+        found = estimator.estimate(tick)
+    assert np.abs(estimator.readings[0](found.x, start.u)[0] - tip).max() < 2e-3
 
 
 def test_what_is_forgotten(estimator: Estimator, start: Start, readings: list[Sample]) -> None:

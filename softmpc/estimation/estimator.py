@@ -43,7 +43,8 @@ ABSURD = 10.0  # times the distance of that edge
 DOUBTED = 3  # readings beyond it in a row, from which on they contradict the estimate
 LOST = 2000  # ticks without a good reading of a sensor after which it is the filter that is lost
 LONGEST = 0.02  # s, of one step of the model
-CURVATURE = 3.0  # relative error of a slope for a strain that is off by its whole scale
+CURVATURE = 4.0  # relative error of a slope for a strain that is off by its whole scale
+BENT = 0.1  # the most of that, squared; more would feed on itself where no readings come
 KEPT = 100_000  # innovations
 
 
@@ -230,7 +231,8 @@ class Estimator:
 
         Nothing where the state is known well, and what keeps the filter honest where it is not.
         """
-        return CURVATURE**2 * float(P.diagonal()[: self.process.n].max())
+        worst = float(P.diagonal()[: self.process.n].max())
+        return min(CURVATURE**2 * worst, BENT) if worst < 1.0 else 0.0
 
     def _take_readings(self, knot: Knot) -> None:
         """Let the readings of a knot's time count."""
