@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from softmpc.control.at_speed import AtSpeed
-from softmpc.control.costs import TipPosition
 from softmpc.control.limits import TorqueLimit, TorqueRateLimit
 from softmpc.control.ocp import Ocp, tracking_problem
 from softmpc.control.paths import Circle, FigureEight, Helix, Line, Reference, TimeLaw
@@ -135,11 +134,12 @@ def test_too_fast_a_path_is_named(inverse: InverseStatics, problem: Ocp) -> None
     assert {one.kind for one in found.findings} >= {"bandwidth", "torque rate at speed"}
     off = max(one.excess for one in found.findings if one.kind == "bandwidth")
     assert 0.6 < off < 3.0
-    assert all(one.start >= 1.0 and 0.06 <= one.place[0] <= 0.18 for one in found.findings)
+    late = [one for one in found.findings if one.kind != "torque rate"]  # that is of rest
+    assert all(one.start >= 1.0 and 0.06 <= one.place[0] <= 0.18 for one in late)
     assert found.facts["lead"] > 3
-    # Who allows more may go as fast, without a limit of the rate.
-    costs = (TipPosition(5e-3), *problem.costs[1:])
-    assert find_preflight(inverse, fast, replace(problem, costs=costs), nodes=24).feasible
+    # Half as fast it is off by 0.08 mm in closed loop, and nothing is found.
+    half = replace(fast, law=TimeLaw(0.4, 7.0))
+    assert find_preflight(inverse, half, problem, nodes=24).feasible
 
 
 def test_estimate_at_speed_falls_with_speed_and_knows_statics(

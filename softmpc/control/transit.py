@@ -54,14 +54,16 @@ def find_transits(rest: RestPath) -> tuple[Transit, ...]:
     """A transit for each jump of a rest path, one after the other."""
     t = np.arange(0.0, rest.duration + SAMPLE / 2, SAMPLE)
     found: list[Transit] = []
-    for jump in rest.jump_times(t):
+    jumps = rest.jump_times(t)
+    for jump, following in zip(jumps, [*jumps[1:], np.inf], strict=False):
         time = jump + np.linspace(0.0, TRANSIT, NODES)
         before = rest.held(time[:1])
         for earlier in found:
             before = earlier.instead(time[:1], before, "u")
         tau = (time - jump)[:, None] / TRANSIT
         s = tau**2 * (3 - 2 * tau)
-        found.append(_at_rest(rest, time, (1 - s) * before + s * rest.held(time)))
+        after = rest.held(np.minimum(time, following))  # another one takes over from there
+        found.append(_at_rest(rest, time, (1 - s) * before + s * after))
     return tuple(found)
 
 
