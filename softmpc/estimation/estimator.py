@@ -44,7 +44,7 @@ DOUBTED = 3  # readings beyond it in a row, from which on they contradict the es
 LOST = 2000  # ticks without a good reading of a sensor after which it is the filter that is lost
 LONGEST = 0.02  # s, of one step of the model
 CURVATURE = 4.0  # relative error of a slope for a strain that is off by its whole scale
-BENT = 0.1  # the most of that, squared; more would feed on itself where no readings come
+BENT = 1e-3, 0.1  # of that, squared: what is nothing, and what more would feed on itself
 KEPT = 100_000  # innovations
 
 
@@ -232,7 +232,8 @@ class Estimator:
         Nothing where the state is known well, and what keeps the filter honest where it is not.
         """
         worst = float(P.diagonal()[: self.process.n].max())
-        return min(CURVATURE**2 * worst, BENT) if worst < 1.0 else 0.0
+        share = min(CURVATURE**2 * worst, BENT[1])
+        return share if BENT[0] < share and worst < 1.0 else 0.0
 
     def _take_readings(self, knot: Knot) -> None:
         """Let the readings of a knot's time count."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dposv, dpotrs
 from scipy.special import chdtri  # scipy.stats takes a second to import
 
 __all__ = ["Expected", "Innovation", "expected", "gate", "predicted", "updated"]
@@ -77,12 +77,11 @@ def expected(P: Array, e: Array, H: Array, R: Array, bent: float = 0.0) -> Expec
     if bent:
         R = R + bent * diagonal
     diagonal += R
-    right = np.empty((len(e), len(P) + 1), order="F")
-    right[:, :-1], right[:, -1] = HP, e
-    _, found, wrong = dposv(S, right)
+    variances = diagonal.copy()
+    root, gain, wrong = dposv(S, HP, overwrite_a=1)
     if wrong:
         raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
-    return Expected(e, HP, S.diagonal(), found[:, :-1].T, found[:, -1], R)
+    return Expected(e, HP, variances, gain.T, dpotrs(root, e)[0], R)
 
 
 def updated(s: Array, P: Array, H: Array, of: Expected) -> tuple[Array, Array]:
