@@ -181,7 +181,7 @@ def test_covariance_stays_positive() -> None:
         H = random.standard_normal((3, N))
         P = predicted(P, A, np.full(N, 1e-9 * (k % 2)))
         found = expected(P, np.zeros(3), H, np.full(3, 1e-8))
-        s, P = updated(s, P, H, found)
+        s, P = updated(s, P, found)
         if k % 100 == 0:
             assert np.array_equal(P, P.T)
             assert np.linalg.eigvalsh(P).min() > 0
@@ -196,7 +196,7 @@ def test_joseph_is_what_it_says() -> None:
     found = replace(found, gain=found.gain * 0.7)
     rest = np.eye(9) - found.gain @ H
     printed = rest @ P @ rest.T + found.gain @ np.diag(R) @ found.gain.T
-    assert np.allclose(updated(np.zeros(9), P, H, found)[1], printed, rtol=0, atol=1e-14)
+    assert np.allclose(updated(np.zeros(9), P, found)[1], printed, rtol=0, atol=1e-14)
 
 
 # ---------------------------------------------------------------- time

@@ -17,20 +17,19 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from math import sqrt
 
 import numpy as np
 
 from softmpc.control.closed_loop import start_at
 from softmpc.errors import InputError
-from softmpc.estimation.kalman import Innovation, expected, gate, predicted, updated
+from softmpc.estimation.kalman import Innovation, gate, predicted, updated
 from softmpc.estimation.knots import Belief, Estimate, Health, Knot, Trust
 from softmpc.estimation.observability import observability
 from softmpc.estimation.plausibility import Plausibility
 from softmpc.estimation.process import Process, Spread
 from softmpc.estimation.sensing import Sample
 from softmpc.estimation.sensors import TICK, Reading, Sensor
+from softmpc.estimation.weighing import Look, weighed
 from softmpc.model.model import Model
 from softmpc.statics.equilibrium import find_equilibrium
 
@@ -39,7 +38,6 @@ __all__ = ["Estimate", "Estimator", "Spread"]
 Array = np.ndarray
 MEMORY = 250  # ticks that a reading may be late
 FAR = 1e-4  # share of good readings that are farther than the edge
-ABSURD = 10.0  # times the distance of that edge
 DOUBTED = 3  # readings beyond it in a row, from which on they contradict the estimate
 LOST = 2000  # ticks without a good reading of a sensor after which it is the filter that is lost
 LONGEST = 0.02  # s, of one step of the model
@@ -236,41 +234,37 @@ class Estimator:
         return share if BENT[0] < share and worst < 1.0 else 0.0
 
     def _take_readings(self, knot: Knot) -> None:
-        """Let the readings of a knot's time count."""
-        belief, u = knot.before, self._input(knot.tick - 1)  # what was applied until then
-        for _, sample in sorted(self._samples.get(knot.tick, {}).items()):
-            belief = self._corrected(knot, belief, sample, u)
-        knot.after = belief
+        """Let the readings of a knot's time count, all at once."""
+        s, P, stages, trust = knot.before
+        taken = self._samples.get(knot.tick)
+        if taken:
+            u = self._input(knot.tick - 1)  # what was applied until then
+            looks = [self._look(taken[i], s, P, u) for i in sorted(taken)]
+            found, knot.seen, far = weighed(P, looks)
+            if found is not None:
+                s, P = updated(s, P, found)
+            for one, distance in zip(looks, far, strict=True):
+                now = trust[one.sensor].after(knot.tick, distance)
+                trust = (*trust[: one.sensor], now, *trust[one.sensor + 1 :])
+                knot.contradicted |= now.beyond >= DOUBTED
+                if knot.tick - now.good >= LOST:
+                    P = P + np.diag(self._spread)
+        knot.after = Belief(s, P, stages, trust)
 
-    def _seen(self, i: int, s: Array, u: Array) -> tuple[Array, Array]:
-        """What a sensor should read, and the slope of that in s."""
-        p, reading, H = self.process, self.readings[i], self._linear[i]
+    def _look(self, sample: Sample, s: Array, P: Array, u: Array) -> Look:
+        """A reading beside what was expected of it."""
+        i, p = sample.sensor, self.process
+        reading, H, R = self.readings[i], self._linear[i], self._R[i]
         if H is not None:
-            return H @ s + reading.by_u @ u, H
-        y, slope = reading(s[: p.nx] * p.scale[: p.nx], u)
-        H = np.zeros((len(y), p.size))
-        H[:, : p.nx] = slope * p.scale[: p.nx]
-        return y, H
-
-    def _corrected(self, knot: Knot, belief: Belief, sample: Sample, u: Array) -> Belief:
-        i, (s, P, stages, trust) = sample.sensor, belief
-        y, H = self._seen(i, s, u)
-        bent = 0.0 if self._linear[i] is not None else self._bent(P)
-        found = expected(P, sample.value - y, H, self._R[i], bent)
-        far, good = sqrt(found.nis / self._gates[i]), trust[i].good
-        accepted = far <= ABSURD
-        spread = np.sqrt(found.variances)
-        knot.seen.append(Innovation(i, sample.stamp, found.e, spread, found.nis, accepted))
-        beyond = trust[i].beyond + 1 if far > 1.0 else 0
-        knot.contradicted |= beyond >= DOUBTED
-        if accepted:
-            good = knot.tick
-            if far > 1.0:
-                found = replace(found, gain=found.gain / far)
-            s, P = updated(s, P, H, found)
-        elif knot.tick - good >= LOST:
-            P = P + np.diag(self._spread)
-        return Belief(s, P, stages, _with(trust, i, Trust(good, beyond)))
+            y = H @ s + reading.by_u @ u
+        else:
+            y, slope = reading(s[: p.nx] * p.scale[: p.nx], u)
+            H = np.zeros((len(y), p.size))
+            H[:, : p.nx] = slope * p.scale[: p.nx]
+            bent = self._bent(P)
+            if bent:
+                R = R + bent * np.sum(H @ P * H, axis=1)
+        return Look(i, sample.stamp, sample.value - y, H, R, self._gates[i])
 
     def _prune(self, tick: int) -> None:
         """Forget what no reading can come before any more."""
@@ -295,10 +289,6 @@ def _resting(model: Model) -> tuple[Array, Array]:
     """State and input of the arm at rest without pressure."""
     start = start_at(model, find_equilibrium(model, np.zeros(len(model.layout.p))))
     return start.x, start.u
-
-
-def _with(trust: tuple[Trust, ...], i: int, one: Trust) -> tuple[Trust, ...]:
-    return (*trust[:i], one, *trust[i + 1 :])
 
 
 def _finite(name: str, value: Array, size: int) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv, dpotrs
+from scipy.linalg.lapack import dposv
 from scipy.special import chdtri  # scipy.stats takes a second to import
 
 __all__ = ["Expected", "Innovation", "expected", "gate", "predicted", "updated"]
@@ -30,15 +30,16 @@ class Expected:
     """An innovation e beside its covariance S, and what an update needs of both."""
 
     e: Array
+    H: Array
     HP: Array
-    variances: Array  # diagonal of S
+    S: Array
     gain: Array  # n×m
-    weighted: Array  # S⁻¹ e
-    R: Array  # noise, with bent
+    R: Array
 
-    @property
-    def nis(self) -> float:
-        return float(self.e @ self.weighted)
+    def nis(self, rows: slice) -> float:
+        """Normalised square of some of its values, whatever the others are."""
+        e = self.e[rows]
+        return float(e @ dposv(self.S[rows, rows], e)[1])
 
 
 def gate(size: int, miss: float) -> float:
@@ -64,27 +65,21 @@ def predicted(P: Array, A: Array, Q: Array, bent: float = 0.0) -> Array:
     return np.asarray(after)
 
 
-def expected(P: Array, e: Array, H: Array, R: Array, bent: float = 0.0) -> Expected:
+def expected(P: Array, e: Array, H: Array, R: Array) -> Expected:
     """What an innovation e with slope H and noise R (diagonal) means before covariance P.
-
-    `bent` is the variance that linearising leaves of what P makes of the reading, as a share.
 
     Raises `LinAlgError` where its covariance is not positive definite.
     """
     HP = H @ P
     S = HP @ H.T
-    diagonal = S.reshape(-1)[:: len(S) + 1]
-    if bent:
-        R = R + bent * diagonal
-    diagonal += R
-    variances = diagonal.copy()
-    root, gain, wrong = dposv(S, HP, overwrite_a=1)
+    S.reshape(-1)[:: len(S) + 1] += R
+    _, gain, wrong = dposv(S, HP)
     if wrong:
         raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
-    return Expected(e, HP, variances, gain.T, dpotrs(root, e)[0], R)
+    return Expected(e, H, HP, S, gain.T, R)
 
 
-def updated(s: Array, P: Array, H: Array, of: Expected) -> tuple[Array, Array]:
+def updated(s: Array, P: Array, of: Expected) -> tuple[Array, Array]:
     """State and covariance after an innovation.
 
     Joseph's form, (I - K H) P (I - K H)ᵀ + K R Kᵀ, one factor after the other: symmetric and
@@ -93,7 +88,7 @@ def updated(s: Array, P: Array, H: Array, of: Expected) -> tuple[Array, Array]:
     K = of.gain
     once = K @ of.HP
     np.subtract(P, once, out=once)
-    other = once @ H.T
+    other = once @ of.H.T
     other -= K * of.R
     after = other @ K.T
     np.subtract(once, after, out=after)

@@ -10,6 +10,7 @@ import numpy as np
 
 from softmpc.estimation.arm_step import Stages
 from softmpc.estimation.kalman import Innovation
+from softmpc.estimation.weighing import ABSURD
 
 __all__ = ["Belief", "Estimate", "Health", "Knot", "Trust"]
 
@@ -36,6 +37,11 @@ class Trust(NamedTuple):
 
     good: int
     beyond: int = 0
+
+    def after(self, tick: int, far: float) -> Trust:
+        """After a reading at that distance from what was expected, 1 being the edge."""
+        good = tick if far <= ABSURD else self.good
+        return Trust(good, self.beyond + 1 if far > 1.0 else 0)
 
 
 class Belief(NamedTuple):

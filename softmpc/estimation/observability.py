@@ -176,7 +176,7 @@ def _unknown(at: Linear, variances: Array, seconds: float) -> Array:
     e = np.zeros(len(at.H))
     for _ in range(round(seconds / at.step)):
         P = predicted(P, at.A, none)
-        _, P = updated(s, P, at.H, expected(P, e, at.H, at.R))
+        _, P = updated(s, P, expected(P, e, at.H, at.R))
     return P
 
 
