@@ -92,7 +92,7 @@ class Run:
     def __call__(self, seed: int) -> dict[str, Any]:
         from softmpc.rig.scene_table import read_rig
 
-        random, rig = np.random.default_rng(seed), self._rig
+        random, rig = np.random.default_rng(abs(seed)), self._rig
         tables = random_faults(random) if seed >= 0 else []
         faults = read_rig({"faults": tables}).faults
         rig.machine.faults, rig.machine.seed = faults, abs(seed)
