@@ -10,7 +10,7 @@ rank of a matrix in floating point.
 
 Offset-free tracking needs [A - I, B_d; C, C_d] to have full column rank. Where the arm has a rest,
 that is the rank of what d does to the readings at rest, C (I - A)⁻¹ B_d + C_d: its singular
-values count standard deviations of one set of readings for a disturbance of full size.
+values count standard deviations of a step's readings for a disturbance of full size.
 (Pannocchia and Rawlings, AIChE Journal 49, 2003; Maeder, Borrelli and Morari, Automatica 45, 2009.)
 """
 
@@ -35,7 +35,7 @@ STEP = 0.02  # s
 STATES, ALL = 0.1, 2.0  # s of readings
 PERIODS = 10  # of the slowest sensor, that it looks at in any case
 WEAK, UNSEEN = 0.1, 0.5  # shares of a scale that are still unknown
-AT_REST = 1.0  # standard deviations of a set of readings that a disturbance of full size moves
+AT_REST = 1.0  # standard deviations by which a disturbance of full size must move these
 TWIST = "twist, with which tips on the axis of a straight arm do not move; it dies away by itself"
 HINTS = {
     "kappa_z": "tips on the axis hardly move with twist: leave kappa_z out of the disturbance",
@@ -72,13 +72,15 @@ class Linear:
 
 @dataclass(frozen=True)
 class Observability:
-    """`rank` counts disturbances that are seen at rest, of `needed`; `rest` has the deviations of
-    a set of readings that they make, the least last."""
+    """What readings tell. `rank` counts disturbances that are seen at rest, of `needed`; `rest` has
+    the standard deviations by which those of full size move the readings of a step (20 ms) at rest,
+    the least last; `names` are those of the disturbance."""
 
     states: tuple[Direction, ...]
     disturbances: tuple[Direction, ...]
     rest: Array
     outputs: int
+    names: tuple[str, ...]
 
     @property
     def needed(self) -> int:
@@ -124,12 +126,12 @@ class Observability:
         lost = self.undetectable
         if not lost:
             return
-        names = "; ".join(map(str, lost))
-        mentioned = " ".join(name for one in lost for name in one.variables)
-        hint = next((text for key, text in HINTS.items() if key in mentioned), HINTS["force on"])
+        mentioned = {name for one in lost for name in one.variables}
+        names = ", ".join(name for name in self.names if name in mentioned)
+        hint = next((text for key, text in HINTS.items() if key in names), HINTS["force on"])
         raise InputError(
             f"the sensors do not tell {len(lost)} of {self.needed} directions of the disturbance "
-            f"({self.outputs} values are measured): {names}; {hint}"
+            f"({self.outputs} values are measured), combinations of {names}; {hint}"
         )
 
 
@@ -167,7 +169,7 @@ def observability(
     states = _directions(after[: at.nx, : at.nx], names[: at.nx])
     after = _unknown(at, everything, max(ALL, PERIODS * slowest))
     lasting = _directions(after[at.nx :, at.nx :], names[at.nx :])
-    return Observability(states, lasting, _at_rest(at), len(at.H))
+    return Observability(states, lasting, _at_rest(at), len(at.H), names[at.nx :])
 
 
 def _unknown(at: Linear, variances: Array, seconds: float) -> Array:
