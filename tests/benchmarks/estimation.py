@@ -12,8 +12,8 @@ With mismatch the plant has 4 segments a section, is 15 % stiffer and carries 20
 of the model stands for all this, so there is no true one, and the state is that of segments which
 the plant does not have.
 
-The times are medians by the clock, of 25 ms of readings (camera 100 Hz and 10 ms late, pressures 100 Hz) and of
-one real-time iteration of 20 intervals, one after the other in one process.
+The times are medians by the clock: of 25 ms of readings (camera 100 Hz and 10 ms late, pressures
+100 Hz), and of one real-time iteration of 20 intervals, one after the other in one process.
 """
 
 from __future__ import annotations
