@@ -55,10 +55,10 @@ def is_interrupt(error: BaseException) -> bool:
     return False
 
 
-def nearest(name: str, allowed: Iterable[str]) -> str | None:
-    """Return the allowed name closest to ``name``, or None when none is alike."""
+def nearest(name: str, allowed: Iterable[str], alike: float = 0.4) -> str | None:
+    """Return the allowed name closest to ``name``, or None when none is alike (0: any, 1: same)."""
     by_lower = {candidate.lower(): candidate for candidate in allowed}
-    found = get_close_matches(name.lower(), by_lower, n=1, cutoff=0.4)
+    found = get_close_matches(name.lower(), by_lower, n=1, cutoff=alike)
     return by_lower[found[0]] if found else None
 
 

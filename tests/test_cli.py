@@ -451,7 +451,7 @@ def test_track_tells_how_it_ended(
     said: str,
 ) -> None:
     monkeypatch.setattr(
-        "softmpc.control.tracking.track_file", lambda path, report, how: tracked(**changes)
+        "softmpc.control.tracking.track_file", lambda *_: tracked(**changes)
     )
     result = softmpc("track", scene(CIRCLE), "--json")
     assert result.exit_code == status
@@ -463,7 +463,7 @@ def test_track_keeps_what_was_done(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, run = tmp_path / "out", tracked(status="interrupted")
-    monkeypatch.setattr("softmpc.control.tracking.track_file", lambda path, report, how: run)
+    monkeypatch.setattr("softmpc.control.tracking.track_file", lambda *_: run)
     assert softmpc("track", scene(CIRCLE), "--out", str(out)).exit_code == 130
     assert {"track.npz", "track.json", "track.png"} <= files(out)
     assert "track.gif" not in files(out)  # who interrupts does not want to wait
@@ -471,7 +471,7 @@ def test_track_keeps_what_was_done(
 
 def test_track_for_people(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     run = tracked(settle=0.01, clearance_m=0.02)
-    monkeypatch.setattr("softmpc.control.tracking.track_file", lambda path, report, how: run)
+    monkeypatch.setattr("softmpc.control.tracking.track_file", lambda *_: run)
     lines = softmpc("track", scene(CIRCLE)).stdout.splitlines()
     assert lines[0] == "Made up"
     assert "RMS tip error           0 mm after 0.01 s" in lines
@@ -611,7 +611,7 @@ def test_nothing_half_written(
 def test_libraries_that_print_do_not_spoil_the_answer(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def chatty(path: str, report: Callable[..., None], how: str | None) -> TrackResult:
+    def chatty(*_: Any) -> TrackResult:
         print("banner of a solver")
         return tracked()
 

@@ -29,11 +29,12 @@ if TYPE_CHECKING:
 __all__ = [
     "INTERRUPTED", "NOT_CONVERGED", "OK", "WRONG_INPUT", "Answer", "Numbers", "animation_option",
     "answering", "as_json", "is_interrupt", "load", "notice", "progress", "row", "scene_argument",
-    "table", "write_text",
+    "stages", "table", "write_text",
 ]  # fmt: skip
 
 OK, WRONG_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 2, 3, 130
 Progress = Callable[[float, float], None]
+Stage = Callable[[str, str], Progress]
 log = logging.getLogger(__name__)
 
 
@@ -133,18 +134,32 @@ def progress(what: str, unit: str = "step") -> Iterator[Progress]:
 
     It is gone after an error, so that the error's line stands alone.
     """
+    with stages(what, unit) as stage:
+        yield stage(what, unit)
+
+
+@contextmanager
+def stages(first: str, unit: str) -> Iterator[Stage]:
+    """The same for what is done one after the other: call what is yielded for each stage."""
     from tqdm import tqdm
 
     person = sys.stderr.isatty()  # a log gets a line now and then, and none for what is quick
     pace: dict[str, Any] = {"mininterval": 0.1 if person else 5.0, "delay": 0.0 if person else 1.0}
-    with tqdm(desc=what, unit=unit, file=sys.stderr, **pace) as bar:
+    with tqdm(desc=first, unit=unit, file=sys.stderr, **pace) as bar:
 
-        def report(done: float, total: float) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
+        def stage(what: str, unit: str) -> Progress:
+            def report(done: float, total: float) -> None:
+                if bar.desc not in (what, f"{what}: "):
+                    bar.reset(total)
+                    bar.unit = unit
+                    bar.set_description(what, refresh=False)
+                bar.total = total
+                bar.update(done - bar.n)
+
+            return report
 
         try:
-            yield report
+            yield stage
         except BaseException:
             bar.leave = False
             raise

@@ -22,6 +22,7 @@ from softmpc.cli.sweep_options import sweep_options
 from softmpc.cli.target_options import Held, Place, SectionNumbers, read_targets, targets_from
 
 if TYPE_CHECKING:
+    from softmpc.model.scene import Scene
     from softmpc.statics.inverse import InverseStatics
     from softmpc.statics.inverse_result import InverseResult
     from softmpc.statics.targets import Target
@@ -57,8 +58,9 @@ COMPARED = 5
     help="What decides where several postures hold the target.",
 )  # fmt: skip
 @click.option(
-    "--hold", type=Held(), multiple=True, metavar="UNIT=MPA", help="A unit that is stuck there."
-)
+    "--hold", type=Held(), multiple=True, metavar="UNIT=MPA",
+    help="A unit that is stuck there, such as P_2=0.3.",
+)  # fmt: skip
 @click.option(
     "--compare", type=click.IntRange(min=1), metavar="N",
     help="Take the best of N starts that hold the target.  [default: 5, of many targets 1]",
@@ -97,6 +99,7 @@ def command(
         raise click.UsageError("--path is for a file of --targets", click.get_current_context())
     cases = read_targets(file) if file else [targets_from(tip, direction, rotation)]
     title, parsed = load(scene)
+    _check_distance(parsed, cases)
     held = {unit: pressure * 1e6 for unit, pressure in hold}
     inverse = InverseStatics(build(parsed), REST_COSTS[cost](), held)
     if file is None:
@@ -104,6 +107,21 @@ def command(
     from softmpc.cli.inverse_batch import many
 
     return many(inverse, cases, title, path, compare or 1, workers, dask, out)
+
+
+def _check_distance(scene: Scene, cases: list[list[Target]]) -> None:
+    """Places out of reach have a nearest posture; but one so far away is in another unit."""
+    from softmpc.errors import InputError
+    from softmpc.statics.reach import FAR, too_far
+    from softmpc.statics.targets import Position
+
+    for number, targets in enumerate(cases, 1):
+        for target in targets:
+            if not isinstance(target, Position):
+                continue
+            if why := too_far(scene, target.place, target.section, FAR):
+                which = f"target {number} of {len(cases)}" if len(cases) > 1 else "the target"
+                raise InputError(f"{which} is far out of reach: {why}")
 
 
 def _one(

@@ -37,7 +37,7 @@ class SectionNumbers(click.ParamType):
             section = int(front)
         items = rest.split(",")
         if len(items) != 3:
-            self.fail(f"{value!r} has {len(items)} numbers, three are needed", param, ctx)
+            self.fail(f"{value!r} has {_count(items, 'number')}, three are needed", param, ctx)
         return section, [self._number(item.strip(), param, ctx) for item in items]
 
     def _number(self, item: str, param: Any, ctx: Any) -> float | None:
@@ -53,16 +53,17 @@ class Place(SectionNumbers):
 
 
 class Held(click.ParamType):
-    """A unit that is stuck at a pressure: 2=0.3."""
+    """A unit that is stuck at a pressure: 2=0.3, or P_2=0.3 as results call it."""
 
     name = "unit and pressure"
 
     def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, float]:
         """(unit, pressure in MPa)."""
         unit, equals, pressure = value.partition("=")
-        if not equals or not unit.strip().isdigit():
-            self.fail(f"{value!r}: must be UNIT=MPA, for instance 2=0.3", param, ctx)
-        return int(unit), Numbers().convert(pressure, param, ctx)[0]
+        number = unit.strip().removeprefix("P_")
+        if not equals or not number.isdecimal():
+            self.fail(f"{value!r}: must be UNIT=MPA, such as 2=0.3 or P_2=0.3", param, ctx)
+        return int(number), Numbers().convert(pressure, param, ctx)[0]
 
 
 def targets_from(
@@ -81,6 +82,10 @@ def targets_from(
         matrix = Rotation.from_rotvec([radians(angle) for angle in _whole(turn)]).as_matrix()
         found.append(Orientation(tuple(map(tuple, matrix.tolist())), section=section))
     return found
+
+
+def _count(items: list[str], what: str) -> str:
+    return f"{len(items)} {what}" + ("" if len(items) == 1 else "s")
 
 
 def _whole(numbers: list[float | None]) -> tuple[float, ...]:
@@ -132,7 +137,7 @@ def _target(number: int, row: list[str]) -> list[Target]:
 
     with errors_in(f"line {number}"):
         if len(row) not in (3, 6):
-            raise InputError(f"has {len(row)} values: must be x,y,z or x,y,z,dx,dy,dz")
+            raise InputError(f"has {_count(row, 'value')}: must be x,y,z or x,y,z,dx,dy,dz")
         numbers = [_cell(text) for text in row]
         targets: list[Target] = []
         if any(x is not None for x in numbers[:3]) or len(row) == 3:

@@ -18,6 +18,7 @@ from softmpc.cli.common import (
     as_json,
     progress,
     scene_argument,
+    stages,
     table,
     write_text,
 )
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 LINES = 6  # of what is infeasible, for people
+CHECKING = "checking the path", "place"
 
 
 @click.command("track")
@@ -39,7 +41,8 @@ LINES = 6  # of what is infeasible, for people
 )  # fmt: skip
 @click.option(
     "--compare", "against", is_flag=True,
-    help="Run feed-forward, LQR and IPOPT to convergence as well, and print one table.",
+    help="Run feed-forward, LQR and IPOPT to convergence as well, and print one table. IPOPT "
+    "takes minutes; Ctrl-C keeps what is done until then.",
 )  # fmt: skip
 @click.option(
     "--ideal", is_flag=True,
@@ -87,12 +90,13 @@ def _ideal(
     from softmpc.control.tracking import track_file
 
     others: dict[str, TrackResult] = {}
-    with progress("tracking") as report:
+    with stages(*CHECKING) as stage:
+        checking, tracking = stage(*CHECKING), stage("tracking", "step")
         if against:
-            others = compare_file(scene, report, on_infeasible)
+            others = compare_file(scene, tracking, on_infeasible, checking)
             result = next(iter(others.values()))
         else:
-            result = track_file(scene, report, on_infeasible)
+            result = track_file(scene, tracking, on_infeasible, checking)
     data = {"title": result.title, **result.summary()}
     if out:
         result.save(out)
@@ -103,7 +107,17 @@ def _ideal(
         data["controllers"] = _compared(others, out)
         text += "\n\n" + _comparison(data["controllers"])
     status, problem = _judge(result)
+    if status == OK and _cut_short(others):
+        status, problem = INTERRUPTED, f"interrupted in the run of {list(others)[-1]} or after it"
     return Answer(data, text, status, problem)
+
+
+def _cut_short(others: Mapping[str, TrackResult]) -> bool:
+    """Whether a comparison was interrupted."""
+    from softmpc.control.compare import BASELINES
+
+    cut = any(result.status == "interrupted" for result in others.values())
+    return bool(others) and (cut or len(others) <= len(BASELINES))
 
 
 def _judge(result: TrackResult) -> tuple[int, str]:
@@ -168,7 +182,7 @@ def _comparison(rows: Mapping[str, Mapping[str, Any]]) -> str:
     lines = [titles]
     for name, row in rows.items():
         cells = ["-" if row[key] is None else f"{row[key]:.4g}" for key, _ in COLUMNS]
-        lines.append([name, *cells])
+        lines.append([name if row["status"] == "finished" else f"{name} (cut short)", *cells])
     widths = [max(len(line[k]) for line in lines) for k in range(len(titles))]
     return "\n".join(
         "  ".join(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, OK, Answer, progress, table
+from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, OK, Answer, stages, table
 
 if TYPE_CHECKING:
     from softmpc.rig.result import RigResult
@@ -15,10 +15,12 @@ __all__ = ["answer", "draw_rig", "run_on_rig"]
 
 def run_on_rig(scene: Path, on_infeasible: str | None) -> RigResult:
     """The run, with progress."""
+    from softmpc.cli.track import CHECKING
     from softmpc.rig.rigging import run_rig_file
 
-    with progress("tracking on the rig") as report:
-        return run_rig_file(scene, report, on_infeasible)
+    with stages(*CHECKING) as stage:
+        checking, tracking = stage(*CHECKING), stage("tracking on the rig", "step")
+        return run_rig_file(scene, tracking, on_infeasible, checking)
 
 
 def draw_rig(out: Path, result: RigResult) -> None:

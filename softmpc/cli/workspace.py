@@ -45,8 +45,9 @@ KINDS = ("a point", "a curve", "a surface", "a body")
     help="The section whose tip it is about; all units move.  [default: the last one]",
 )  # fmt: skip
 @click.option(
-    "--hold", type=Held(), multiple=True, metavar="UNIT=MPA", help="A unit that is stuck there."
-)
+    "--hold", type=Held(), multiple=True, metavar="UNIT=MPA",
+    help="A unit that is stuck there, such as P_2=0.3.",
+)  # fmt: skip
 @click.option(
     "--azimuths", type=click.IntRange(min=4), default=24, show_default=True, metavar="N",
     help="Half-planes around the axis, an even number.",

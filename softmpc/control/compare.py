@@ -13,9 +13,11 @@ import numpy as np
 from softmpc.control.baselines import FeedForward, Regulated, converged
 from softmpc.control.closed_loop import Controller
 from softmpc.control.track_result import TrackResult
-from softmpc.control.tracking import Setup, read_track_file, set_up
+from softmpc.control.tracking import Setup, read_track_file, ready, set_up
+from softmpc.errors import errors_in
+from softmpc.interrupts import InterruptLater
 
-__all__ = ["COLUMNS", "compare_file", "controllers_of", "row_of"]
+__all__ = ["BASELINES", "COLUMNS", "compare_file", "controllers_of", "row_of"]
 
 # What the table shows: key and title.
 COLUMNS = (
@@ -29,28 +31,36 @@ COLUMNS = (
     ("failures", "failed steps"),
 )
 
+BASELINES = ("feed-forward", "LQR", "IPOPT to convergence")
+
 Progress = Callable[[int, int], None]
 
 
 def controllers_of(setup: Setup) -> dict[str, Callable[[], Controller]]:
     """Makers of the scene's own controller and of the baselines, by name."""
     settings, ocp = setup.task.controller, setup.ocp
-    return {
-        settings.solver: lambda: setup.controller,
-        "feed-forward": lambda: FeedForward(ocp, setup.guide),
-        "LQR": lambda: Regulated(ocp, setup.guide),
-        "IPOPT to convergence": lambda: converged(ocp, settings.stages),
-    }
+    baselines: tuple[Callable[[], Controller], ...] = (
+        lambda: FeedForward(ocp, setup.guide),
+        lambda: Regulated(ocp, setup.guide),
+        lambda: converged(ocp, settings.stages),
+    )
+    makers = dict(zip(BASELINES, baselines, strict=True))
+    return {settings.solver: lambda: setup.controller, **makers}
 
 
 def compare_file(
     path: str | os.PathLike[str],
     progress: Progress | None = None,
     on_infeasible: str | None = None,
+    checking: Progress | None = None,
 ) -> dict[str, TrackResult]:
-    """Run each controller on the scene file's path, by name; stops early where interrupted."""
+    """Run each controller on the scene file's path, by name; stops early where interrupted.
+
+    Progress as for `track_file`.
+    """
     title, scene, task = read_track_file(Path(path), on_infeasible)
-    setup = set_up(scene, task)
+    with errors_in(path):
+        setup = ready(lambda report: set_up(scene, task, progress=report), checking)
     makers = controllers_of(setup)
     results: dict[str, TrackResult] = {}
     for k, (name, make) in enumerate(makers.items()):
@@ -59,7 +69,11 @@ def compare_file(
             if progress is not None:
                 progress(before * total + done, len(makers) * total)
 
-        results[name] = replace(setup.run(make(), report), title=title, controller=name)
+        with InterruptLater() as interrupt:  # CasADi is at work
+            controller = make()
+        if interrupt.asked:
+            break
+        results[name] = replace(setup.run(controller, report), title=title, controller=name)
         if results[name].status == "interrupted":
             break
     return results

@@ -12,7 +12,7 @@ What is at full speed is an estimate, see `AtSpeed`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,10 +24,19 @@ from softmpc.control.limits import Limit, TorqueLimit, TorqueRateLimit
 from softmpc.control.ocp import Ocp
 from softmpc.control.paths import Reference
 from softmpc.control.response import Response
-from softmpc.control.rest_path import IN_REACH, NODES, RestPath, along, find_rest_path
+from softmpc.control.rest_path import (
+    IN_REACH,
+    NODES,
+    RestPath,
+    along,
+    find_rest_path,
+    lap_of,
+)
+from softmpc.errors import InputError
 from softmpc.statics.inverse import InverseStatics
+from softmpc.statics.reach import FAR, too_far
 
-__all__ = ["Finding", "Preflight", "find_preflight"]
+__all__ = ["Finding", "Preflight", "check_reach", "find_preflight"]
 
 SAMPLE = 5e-3  # s
 OTHER_NODES = 32  # of the lap, for the controller's own model
@@ -36,8 +45,11 @@ OTHER_NODES = 32  # of the lap, for the controller's own model
 SHARED = 0.2
 OTHER_REACH = 1e-3  # m that models of one arm may differ: feedback makes up for it
 SLACK = 1e-6  # of an input's scale
+LOOKED_AT = 4  # places of a lap, to see whether all of it is far away:
+AWAY = 0.1  # of the arm's length
 
 Array = np.ndarray
+Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -99,10 +111,14 @@ def find_preflight(
     reference: Reference,
     ocp: Ocp,
     nodes: int = NODES,
+    progress: Progress | None = None,
 ) -> Preflight:
-    """Check a reference against the arm, and against limits, costs and model of a problem."""
+    """Check a reference against the arm, and against limits, costs and model of a problem.
+
+    `progress` is that of `find_rest_path`.
+    """
     limits, step = ocp.limits, ocp.step
-    rest = find_rest_path(inverse, reference, nodes)
+    rest = find_rest_path(inverse, reference, nodes, progress)
     response = Response(inverse.model, rest.middle.q, rest.middle.pressures)
     findings = [*_reach(rest), *_torque(rest, limits), *_rate(rest, limits, step)]
     fast = AtSpeed(rest, response, ocp)
@@ -111,6 +127,33 @@ def find_preflight(
     if ocp.model is not inverse.model:
         findings += _out_of_model(InverseStatics(ocp.model, starts=inverse.starts), rest)
     return Preflight(rest, tuple(findings), _facts(rest, response, fast))
+
+
+def check_reach(
+    inverse: InverseStatics, reference: Reference, project: bool = False
+) -> Finding | None:
+    """The place of a path that is far away, where all of it is; without looking at each place.
+
+    Raises `InputError` where some place is beyond all that the arm could ever reach; to `project`
+    it may be a little beyond. Such places say that the path is in another unit.
+    """
+    places = reference.path.position(lap_of(reference).phase)
+    farthest = places[int(np.argmax(np.linalg.norm(places, axis=1)))]
+    why = too_far(inverse.model.scene, farthest.tolist(), times=FAR if project else 1.0)
+    if why:
+        raise InputError(f"the path is out of reach: {why}")
+    if project:
+        return None
+    some = reference.path.position(lap_of(reference, LOOKED_AT).phase)
+    near = AWAY * inverse.model.scene.manipulator.length
+    first = along(inverse, some[:1])
+    if first[0].distance < near:
+        return None
+    far = np.array([one.distance for one in first + along(inverse, some[1:], first[0])])
+    worst, note = int(np.argmax(far)), f"and all of {len(far)} places looked at"
+    place, excess = tuple(some[worst].tolist()), 1e3 * float(far[worst])
+    found = Finding("reach", 0.0, reference.duration, place, excess, "mm", note)
+    return found if far.min() >= near else None
 
 
 # --- at rest -----------------------------------------------------------------------------------

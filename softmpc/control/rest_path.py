@@ -22,7 +22,7 @@ from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.inverse_result import InverseResult
 from softmpc.statics.targets import Position
 
-__all__ = ["Lap", "RestPath", "along", "find_rest_path", "lap_of"]
+__all__ = ["Lap", "RestPath", "along", "find_rest_path", "lap_of", "part_of"]
 
 NODES = 80  # of a lap
 IN_REACH = 1e-5  # m
@@ -193,6 +193,16 @@ class RestPath:
         return np.asarray((1 - share) * values[piece] + share * values[piece + 1])
 
 
+def part_of(progress: Progress | None, before: int = 0, after: int = 0) -> Progress:
+    """Progress of a part of the work, with so much of it before and after."""
+
+    def report(done: int, total: int) -> None:
+        if progress is not None:
+            progress(before + done, before + total + after)
+
+    return report
+
+
 def find_rest_path(
     inverse: InverseStatics,
     reference: Reference,
@@ -202,19 +212,19 @@ def find_rest_path(
     """The arm at rest along a reference; `nodes` a lap.
 
     Where the posture has to jump on the first lap, a second one from where that ends may have to
-    jump less, and is taken then.
+    jump less, and is taken then. `progress` gets how many nodes are done, and of how many.
     """
     lap = lap_of(reference, nodes)
     targets = reference.path.position(lap.phase)
 
-    def once(start: InverseResult | None) -> RestPath:
-        found = along(inverse, targets, start, progress)
+    def once(start: InverseResult | None, before: int) -> RestPath:
+        found = along(inverse, targets, start, part_of(progress, before))
         return RestPath(inverse.model, reference, lap, targets, tuple(found))
 
-    first = once(None)
+    first = once(None, 0)
     if not first.closing_jump:
         return _refined(inverse, first)
-    second = once(first.found[-1])
+    second = once(first.found[-1], len(targets))
     return _refined(inverse, min(first, second, key=lambda one: one.jumps.sum() + one.closing_jump))
 
 

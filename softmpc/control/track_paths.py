@@ -36,21 +36,27 @@ def read_reference(table: Table, folder: Path) -> Reference:
 
 
 def _read_path(table: Table, folder: Path) -> TipPath:
-    kind = table.string("path", allowed=PATHS)
+    kind = table.string("path", allowed=PATHS, doc="the kind of path")
     if kind == "waypoints":
-        return read_waypoints(folder / table.string("file"), table.boolean("closed", False))
+        file = table.string("file", doc="a CSV file with columns x, y, z in m")
+        return read_waypoints(folder / file, table.boolean("closed", False))
     if kind == "line":
-        return Line(table.vector("start", 3, unit="m"), table.vector("end", 3, unit="m"))
-    center = table.vector("center", 3, unit="m")
+        ends = (
+            table.vector(key, 3, unit="m", doc=f"the place where the line {key}s")
+            for key in ("start", "end")
+        )
+        return Line(*ends)
+    center = table.vector("center", 3, unit="m", doc="the middle of the path")
     if kind == "point":
         return Point(center)
     normal = table.vector("normal", 3, DOWN)
     size: dict[str, Any] = {"unit": "m", "low": 0.0, "low_open": True, "high": 100.0}
     if kind == "figure-eight":
-        width, height = table.number("width", **size), table.number("height", **size)
+        width = table.number("width", doc="how wide the eight is, tip to tip", **size)
+        height = table.number("height", doc="how high the eight is", **size)
         return FigureEight(center, width, height, normal)
-    diameter = table.number("diameter", **size)
+    diameter = table.number("diameter", doc=f"that of the {kind}", **size)
     if kind == "circle":
         return Circle(center, diameter, normal)
-    pitch = table.number("pitch", unit="m", low=-100.0, high=100.0)
+    pitch = table.number("pitch", unit="m", low=-100.0, high=100.0, doc="the rise in a lap")
     return Helix(center, diameter, pitch, normal)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,8 +16,8 @@ from softmpc.control.guide import Guide
 from softmpc.control.mpc import Mpc
 from softmpc.control.ocp import Ocp
 from softmpc.control.paths import Reference
-from softmpc.control.preflight import Preflight, find_preflight
-from softmpc.control.rest_path import RestPath
+from softmpc.control.preflight import Finding, Preflight, check_reach, find_preflight
+from softmpc.control.rest_path import RestPath, part_of
 from softmpc.control.state_map import StateMap
 from softmpc.control.terminal import terminal_cost
 from softmpc.control.track_result import TrackResult
@@ -34,24 +34,28 @@ from softmpc.statics.clearance import find_clearance
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 
-__all__ = ["Setup", "Tracking", "read_tracking", "read_track_file", "set_up", "track", "track_file"]
+__all__ = ["Setup", "Tracking", "read_tracking", "read_track_file", "ready", "set_up", "track",
+           "track_file"]  # fmt: skip
 
 CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
 NAMELESS = {"controller": ""}  # of a run with another controller than the task's
 LINES = 4  # of what is infeasible, in an error
-SLOWER = "give it more time (lap_time), or allow more (tip_deviation, torque_rate)"
+SLOWER = "give it more time (lap_time)"
+FASTER = f"{SLOWER}, or raise torque_rate in [track.controller]"
+STRONGER = f"{SLOWER}, or allow more torque (torque_max in [limits])"
 ADVICE = {
     "reach": "move it towards the arm's tip at half pressure, or make it smaller",
-    "torque": "move it, or allow more torque",
-    "torque rate": SLOWER,
-    "bandwidth": SLOWER,
-    "torque at speed": SLOWER,
-    "torque rate at speed": SLOWER,
+    "torque": "move it, or allow more torque (torque_max in [limits])",
+    "torque rate": FASTER,
+    "bandwidth": f"{SLOWER}, or raise tip_deviation in [track.controller]",
+    "torque at speed": STRONGER,
+    "torque rate at speed": FASTER,
     "controller": "give the controller's scene what it lacks for this path, such as strains",
 }
 
 Progress = Callable[[int, int], None]
+T = TypeVar("T")
 
 
 def read_track_file(
@@ -75,23 +79,47 @@ def track_file(
     path: str | os.PathLike[str],
     progress: Progress | None = None,
     on_infeasible: str | None = None,
+    checking: Progress | None = None,
 ) -> TrackResult:
-    """Run the scene file's tracking task: its path, by NMPC, on its plant."""
+    """Run the scene file's tracking task: its path, by NMPC, on its plant.
+
+    `checking` is told of the checks before the run, `progress` of the run.
+    """
     title, scene, task = read_track_file(path, on_infeasible)
-    return replace(track(scene, task, progress), title=title)
+    with errors_in(path):
+        setup = ready(lambda report: set_up(scene, task, progress=report), checking)
+    return replace(setup.run(setup.controller, progress), title=title)
 
 
-def track(scene: Scene, task: Tracking, progress: Progress | None = None) -> TrackResult:
-    """Follow the reference from rest at its start.
+def track(
+    scene: Scene,
+    task: Tracking,
+    progress: Progress | None = None,
+    checking: Progress | None = None,
+) -> TrackResult:
+    """Follow the reference from rest at its start; progress as for `track_file`.
 
     Raises `SceneError` where the path is infeasible and the task says stop, before any control is
     computed.
     """
+    setup = ready(lambda report: set_up(scene, task, progress=report), checking)
+    return setup.run(setup.controller, progress)
+
+
+def ready(make: Callable[[Progress], T], progress: Progress | None) -> T:
+    """What `make(report)` makes; Ctrl-C ends it where it reports next, outside of CasADi."""
     with InterruptLater() as interrupt:
-        setup = set_up(scene, task)
+
+        def report(done: int, total: int) -> None:
+            if interrupt.asked:
+                raise KeyboardInterrupt
+            if progress is not None:
+                progress(done, total)
+
+        made = make(report)
     if interrupt.asked:
         raise KeyboardInterrupt
-    return setup.run(setup.controller, progress)
+    return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +161,10 @@ class Setup:
 
 
 def set_up(
-    scene: Scene, task: Tracking, disturbance: Callable[[Scene], Disturbance] | None = None
+    scene: Scene,
+    task: Tracking,
+    disturbance: Callable[[Scene], Disturbance] | None = None,
+    progress: Progress | None = None,
 ) -> Setup:
     """Models, checks before the run, controller and start of a task.
 
@@ -149,9 +180,14 @@ def set_up(
         if disturbance is not None:
             ocp = replace(ocp, disturbance=disturbance(model.scene))
         to_state = StateMap(plant, model)
-    preflight = find_preflight(inverse, task.reference, ocp)
+    with errors_in("[track]"):
+        far = check_reach(inverse, task.reference, task.on_infeasible == "project")
+    if far is not None:
+        _stop_where_infeasible([far])
+    looking = part_of(progress, after=CLEARANCE_POINTS)
+    preflight = find_preflight(inverse, task.reference, ocp, progress=looking)
     if task.on_infeasible == "stop":
-        _stop_where_infeasible(preflight)
+        _stop_where_infeasible(preflight.findings)
     rest = preflight.rest
     if not rest.found[0].stable:
         raise SceneError("[track]: no stable posture holds the tip at the start of the path")
@@ -170,7 +206,7 @@ def set_up(
         guide,
         mpc,
         start_at(plant, rest.found[0].posture),
-        _clearance(inverse, task.reference, rest),
+        _clearance(inverse, task.reference, rest, part_of(progress, len(rest.found))),
     )
 
 
@@ -193,10 +229,10 @@ def make_mpc(ocp: Ocp, settings: ControllerSettings, rest: RestPath, project: bo
     return Mpc(transcription, settings.make_solver(transcription), settings.budget)
 
 
-def _stop_where_infeasible(preflight: Preflight) -> None:
-    if preflight.feasible:
+def _stop_where_infeasible(findings: Sequence[Finding]) -> None:
+    if not findings:
         return
-    lines, kinds = preflight.lines, {finding.kind for finding in preflight.findings}
+    lines, kinds = [one.text for one in findings], {one.kind for one in findings}
     more = f"\n  and {len(lines) - LINES} more" if len(lines) > LINES else ""
     said = "".join(f"\n  {line}" for line in lines[:LINES]) + more
     advice = "; ".join(dict.fromkeys(what for kind, what in ADVICE.items() if kind in kinds))
@@ -206,10 +242,12 @@ def _stop_where_infeasible(preflight: Preflight) -> None:
     )
 
 
-def _clearance(inverse: InverseStatics, reference: Reference, rest: RestPath) -> float | None:
+def _clearance(
+    inverse: InverseStatics, reference: Reference, rest: RestPath, progress: Progress
+) -> float | None:
     """Distance of the path to the edge of the workspace (m); None where it is beyond."""
     if rest.distance.max() > 1e-5:
         return None
     lap = reference.path.position(np.arange(CLEARANCE_POINTS) / CLEARANCE_POINTS)
-    clearance = find_clearance(inverse, lap)
+    clearance = find_clearance(inverse, lap, progress)
     return None if clearance is None else clearance.distance

@@ -58,6 +58,14 @@ ACTUATIONS: dict[str, Actuation] = {
 }
 TABLES = ("manipulator", "hydraulics", "limits", "model", "effects", "actuation", "load")
 OTHER_TABLES = ("track", "rig", "simulate")  # checked by the modules that use them
+MISPLACED = {  # what belongs below one of them
+    "controller": "[track.controller]",
+    "plant": "[track.plant]",
+    "sensors": "[rig.section_tips], [rig.unit_pressures] and the like",
+    "estimator": "[rig.estimator]",
+    "supervision": "[rig.supervision]",
+    "faults": "[[rig.faults]]",
+}
 ZERO = (0.0, 0.0, 0.0)
 
 T = TypeVar("T")
@@ -118,6 +126,9 @@ def check_document(document: dict[str, Any]) -> None:
     top.string("title", "")
     for name in TABLES + OTHER_TABLES:
         top.table(name)
+    for name in document:
+        if name in MISPLACED:
+            raise SceneError(f"[{name}] at the top of the file: write {MISPLACED[name]}")
     top.finish()
 
 

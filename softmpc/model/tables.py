@@ -9,6 +9,7 @@ from softmpc.model.quantities import Range, is_number
 __all__ = ["REQUIRED", "Table"]
 
 REQUIRED: Any = object()
+MISSPELT = 0.7  # how alike a key must be to one that is missing, to be suggested
 
 
 class Table:
@@ -16,6 +17,7 @@ class Table:
 
     Every method takes the key and its default (without one the key must be there). ``where`` names
     the table in messages, for instance ``[track]``. Asking ``key in table`` makes the key known.
+    ``doc`` says in a few words what a key means, for who left it out.
     """
 
     def __init__(self, data: Any, where: str) -> None:
@@ -29,13 +31,15 @@ class Table:
         self.known[key] = None
         return key in self._data
 
-    def raw(self, key: str, default: Any = REQUIRED) -> Any:
-        """Return the value of ``key`` unchecked."""
+    def raw(self, key: str, default: Any = REQUIRED, wanted: str = "") -> Any:
+        """Return the value of ``key`` unchecked; ``wanted`` says what is missing."""
         if key in self:
             return self._data[key]
         if default is REQUIRED:
-            near = nearest(key, [name for name in self._data if name not in self.known])
-            hint = f"; is it {near!r}, misspelt?" if near else ""
+            unread = [name for name in self._data if name not in self.known]
+            near = nearest(key, unread, MISSPELT)
+            hint = f": {wanted}" if wanted else ""
+            hint = f"; is it {near!r}, misspelt?" if near else hint
             raise SceneError(f"{self.where} {key}: is missing{hint}")
         return default
 
@@ -43,9 +47,12 @@ class Table:
         """Return the table below ``key``, empty when absent."""
         return Table(self.raw(key, {}), f"[{key}]")
 
-    def number(self, key: str, default: float = REQUIRED, **allowed: Any) -> float:
+    def number(
+        self, key: str, default: float = REQUIRED, *, doc: str = "", **allowed: Any
+    ) -> float:
         """Return a number; ``allowed`` are the fields of `Range`: unit, low, high, low_open."""
-        return self._each(key, [self.raw(key, default)], Range(**allowed))[0]
+        span = Range(**allowed)
+        return self._each(key, [self.raw(key, default, _said(doc, span.a_number))], span)[0]
 
     def integer(self, key: str, default: int = REQUIRED, *, low: int = 0, high: int = 10**9) -> int:
         """Return a whole number from ``low`` to ``high``."""
@@ -61,11 +68,14 @@ class Table:
             raise self.error(key, value, "true or false")
         return value
 
-    def string(self, key: str, default: str = REQUIRED, allowed: Iterable[str] = ()) -> str:
+    def string(
+        self, key: str, default: str = REQUIRED, allowed: Iterable[str] = (), *, doc: str = ""
+    ) -> str:
         """Return a text, one of ``allowed`` if there are any."""
-        value, names = self.raw(key, default), list(allowed)
+        names = list(allowed)
+        wanted = f"a text, one of {', '.join(names)}" if names else "a text in quotes"
+        value = self.raw(key, default, _said(doc, wanted))
         if not isinstance(value, str):
-            wanted = f"a text, one of {', '.join(names)}" if names else "a text in quotes"
             raise self.error(key, value, wanted)
         if names and value not in names:
             raise SceneError(f"{self.where} {unknown_name(key, value, names)}")
@@ -84,12 +94,19 @@ class Table:
         return tuple(value)
 
     def vector(
-        self, key: str, length: int | None = None, default: Any = REQUIRED, **allowed: Any
+        self,
+        key: str,
+        length: int | None = None,
+        default: Any = REQUIRED,
+        *,
+        doc: str = "",
+        **allowed: Any,
     ) -> tuple[Any, ...]:
         """Return a list of ``length`` numbers (of any number from one on, when None)."""
-        value, span = self.raw(key, default), Range(**allowed)
+        span = Range(**allowed)
+        wanted = f"a list of {length or 'one or more'} values, each {span.a_number}"
+        value = self.raw(key, default, _said(doc, wanted))
         if not isinstance(value, list | tuple) or len(value) != (length or len(value) or 1):
-            wanted = f"a list of {length or 'one or more'} values, each {span.a_number}"
             raise self.error(key, value, wanted)
         return self._each(key, value, span)
 
@@ -118,3 +135,8 @@ class Table:
         for key in self._data:
             if key not in self.known:
                 raise SceneError(unknown_name(f"key in {self.where}", key, self.known))
+
+
+def _said(doc: str, wanted: str) -> str:
+    """What a key means, where that is known, and what it must be."""
+    return f"{doc}, {wanted}" if doc else wanted

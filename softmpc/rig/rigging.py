@@ -13,12 +13,11 @@ from softmpc.control.closed_loop import loop_result
 from softmpc.control.loop_cost import loop_costs
 from softmpc.control.state_map import StateMap
 from softmpc.control.track_result import TrackResult
-from softmpc.control.tracking import Setup, Tracking, read_track_file, set_up
+from softmpc.control.tracking import Setup, Tracking, read_track_file, ready, set_up
 from softmpc.errors import SceneError, errors_in
 from softmpc.estimation.estimator import Estimator
 from softmpc.estimation.process import Process
 from softmpc.estimation.sensors import TICK
-from softmpc.interrupts import InterruptLater
 from softmpc.model.model import build
 from softmpc.model.payload import Payload
 from softmpc.model.scene import Scene
@@ -49,16 +48,15 @@ def run_rig_file(
     path: str | os.PathLike[str],
     progress: Progress | None = None,
     on_infeasible: str | None = None,
+    checking: Progress | None = None,
 ) -> RigResult:
-    """Run the scene file's tracking task on its rig."""
+    """Run the scene file's tracking task on its rig; progress as for `track_file`."""
     title, scene, task = read_track_file(path, on_infeasible)
     settings = read_rig_file(path)
     if settings is None:
         raise SceneError(f"{Path(path)}: [rig] is missing: it says what is measured, and how well")
-    with InterruptLater() as interrupt:
-        rig = rig_up(scene, task, settings)
-    if interrupt.asked:
-        raise KeyboardInterrupt
+    with errors_in(path):
+        rig = ready(lambda report: rig_up(scene, task, settings, report), checking)
     result = rig.run(progress)
     return replace(result, track=replace(result.track, title=title))
 
@@ -83,7 +81,9 @@ class Rig:
         return _result(self, flight, seen)
 
 
-def rig_up(scene: Scene, task: Tracking, settings: RigSettings) -> Rig:
+def rig_up(
+    scene: Scene, task: Tracking, settings: RigSettings, progress: Progress | None = None
+) -> Rig:
     """Plant, sensors, estimator, supervision and controller of a task.
 
     Raises `SceneError` where the task is infeasible and says stop, and where sensors, faults or
@@ -94,7 +94,7 @@ def rig_up(scene: Scene, task: Tracking, settings: RigSettings) -> Rig:
             f"[track.controller] step = {task.controller.step:g} s: on a rig it must be a whole "
             "number of milliseconds"
         )
-    setup = set_up(scene, task, settings.disturbance)
+    setup = set_up(scene, task, settings.disturbance, progress)
     mpc, disturbance = setup.controller, setup.ocp.disturbance
     assert disturbance is not None
     with errors_in("[rig]"):
