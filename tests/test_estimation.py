@@ -12,7 +12,7 @@ import pytest
 from softmpc import InputError, Scene, build, chen2022
 from softmpc.control.closed_loop import Start, start_at
 from softmpc.estimation.estimator import Estimate, Estimator
-from softmpc.estimation.kalman import expected, predicted, updated
+from softmpc.estimation.kalman import expected, gate, predicted, updated
 from softmpc.estimation.process import Process, ProcessNoise, Spread
 from softmpc.estimation.sensing import Sample, Sensing
 from softmpc.estimation.sensors import (
@@ -23,6 +23,7 @@ from softmpc.estimation.sensors import (
     Sensor,
     UnitPressures,
 )
+from softmpc.estimation.weighing import Look, weighed
 from softmpc.model.actuation import PressureDrive
 from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
@@ -306,6 +307,33 @@ def test_what_is_forgotten(estimator: Estimator, start: Start, readings: list[Sa
 
 
 # ---------------------------------------------------------------- readings that are wrong
+
+
+def test_each_reading_is_weighed_by_itself() -> None:
+    """Good ones count together as they would one after the other; absurd ones not at all."""
+    random = np.random.default_rng(6)
+    P, R, edge = np.diag(random.random(7)), np.full(2, 0.1), gate(2, 1e-4)
+    H = [random.standard_normal((2, 7)) for _ in range(2)]
+    roots = [np.linalg.cholesky(h @ P @ h.T + np.diag(R)) for h in H]
+    unit = [root @ np.array([np.sqrt(edge), 0.0]) for root in roots]  # at the edge
+
+    def told(*sizes: float) -> tuple[np.ndarray, np.ndarray, list[float]]:
+        looks = [Look(i, 0, size * unit[i], H[i], R, edge) for i, size in enumerate(sizes)]
+        found, innovations, far = weighed(P, looks)
+        assert [one.accepted for one in innovations] == [size <= 10 for size in sizes]
+        return (*updated(np.zeros(7), P, found), far) if found else (np.zeros(7), P, far)
+
+    s, after, far = told(0.5, 0.3)
+    assert far == pytest.approx([0.5, 0.3])
+    one, between = updated(np.zeros(7), P, expected(P, 0.5 * unit[0], H[0], R))
+    e = 0.3 * unit[1] - H[1] @ one
+    both, last = updated(one, between, expected(between, e, H[1], R))
+    assert np.allclose(s, both) and np.allclose(after, last)
+    for x, y in zip(told(0.5, 50.0)[:2], told(0.5)[:2], strict=True):
+        assert np.array_equal(x, y)
+    assert np.array_equal(told(11.0)[1], P)
+    assert np.allclose(told(4.0)[0], told(1.0)[0])  # pulls no harder than at the edge
+    assert np.trace(told(1.0)[1]) < np.trace(told(4.0)[1]) < np.trace(P)  # and tells less
 
 
 @pytest.mark.parametrize(
