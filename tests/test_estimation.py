@@ -293,6 +293,15 @@ def test_lost_readings_and_long_silence(
     assert np.abs(estimator.readings[0](found.x, start.u)[0] - tip).max() < 2e-3
 
 
+def test_the_spread_at_the_start(estimator: Estimator, start: Start) -> None:
+    """The tip is known to 30 mm until the first readings come, so that a loop may begin."""
+    process, n = estimator.process, estimator.process.n
+    for tick in (0, 25):
+        found = estimator.estimate(tick)
+        J = np.asarray(estimator.model.tip_jacobian(found.x[:n]))[-3:] * process.scale[:n]
+        assert 0.01 < np.sqrt(np.trace(J @ found.P[:n, :n] @ J.T)) < 0.03
+
+
 def test_what_is_forgotten(estimator: Estimator, start: Start, readings: list[Sample]) -> None:
     run(estimator, start, readings)
     n = len(estimator.innovations)
