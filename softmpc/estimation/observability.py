@@ -36,7 +36,7 @@ STATES, ALL = 0.1, 2.0  # s of readings
 PERIODS = 10  # of the slowest sensor, that it looks at in any case
 WEAK, UNSEEN = 0.1, 0.5  # shares of a scale that are still unknown
 AT_REST = 1.0  # standard deviations by which a disturbance of full size must move these
-TWIST = "twist, with which tips on the axis of a straight arm do not move; it dies away by itself"
+TWIST = "twist, with which tips on the axis of a straight arm do not move; damped, it dies away"
 HINTS = {
     "kappa_z": "tips on the axis hardly move with twist: leave kappa_z out of the disturbance",
     "offset of": "pressures tell offsets of inputs from forces on strains: add UnitPressures(), "
