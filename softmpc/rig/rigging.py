@@ -69,16 +69,16 @@ class Rig:
     settings: RigSettings
     machine: Machine
     pilot: Pilot
+    seen: StateMap  # the plant's state as one of the controller's model
 
     def run(self, progress: Progress | None = None, duration: float | None = None) -> RigResult:
         """Run it from rest at the start of the path, for the path's duration by default."""
         setup = self.setup
-        seen = StateMap(setup.plant.model, self.pilot.mpc.ocp.model)
-        believed = seen(setup.start.x, setup.start.u)
+        believed = self.seen(setup.start.x, setup.start.u)
         lasts = setup.guide.duration if duration is None else duration
         wait = self.settings.wait
         flight = fly(self.machine, self.pilot, setup.start, believed, lasts, wait, progress)
-        return _result(self, flight, seen)
+        return _result(self, flight)
 
 
 def rig_up(
@@ -96,16 +96,18 @@ def rig_up(
         )
     setup = set_up(scene, task, settings.disturbance, progress)
     mpc, disturbance = setup.controller, setup.ocp.disturbance
+    seen = StateMap(setup.plant.model, setup.ocp.model)
     assert disturbance is not None
     with errors_in("[rig]"):
         process = Process(setup.ocp.model, disturbance, settings.noise)
-        estimator = Estimator(process, settings.sensors, settings.spread)
+        at = seen(setup.start.x, setup.start.u), setup.start.u
+        estimator = Estimator(process, settings.sensors, settings.spread, at)
         plants = _plants(setup, task, settings)
         machine = Machine(plants, settings.sensors, settings.link, settings.faults, settings.seed)
         machine.reset(setup.start.x, setup.start.u)  # all that does not fit shows here
     supervisor = Supervisor(settings.supervision)
     pilot = Pilot(mpc, estimator, supervisor, setup.guide, settings.link.ticks)
-    return Rig(setup, settings, machine, pilot)
+    return Rig(setup, settings, machine, pilot, seen)
 
 
 def _plants(setup: Setup, task: Tracking, settings: RigSettings) -> Mapping[str, Integrator]:
@@ -127,7 +129,7 @@ def _plants(setup: Setup, task: Tracking, settings: RigSettings) -> Mapping[str,
 # ---------------------------------------------------------------- the record
 
 
-def _result(rig: Rig, flight: Flight, seen: StateMap) -> RigResult:
+def _result(rig: Rig, flight: Flight) -> RigResult:
     states, acting = np.vstack(flight.states), np.vstack(flight.inputs)
     estimator, model = rig.pilot.estimator, rig.pilot.estimator.model
     acts, n = flight.acts, model.strains
@@ -138,7 +140,7 @@ def _result(rig: Rig, flight: Flight, seen: StateMap) -> RigResult:
     found = [one for one in estimator.innovations if one.stamp >= 0]
     ticks = round(rig.setup.ocp.step / TICK)
     truth = states[: len(acts) * ticks : ticks]
-    true = np.array([seen(one, act.u)[:n] for one, act in zip(truth, acts, strict=True)])
+    true = np.array([rig.seen(one, act.u)[:n] for one, act in zip(truth, acts, strict=True)])
     track = _track(rig, flight, states)
     return RigResult(
         track=track,

@@ -34,6 +34,8 @@ RATE = 20.0  # N·m/s
 FRICTION = 100.0  # N
 INERT: dict[str, Any] = {"tube_inertance": True, "rotor_inertia": {}}
 WET = INERT | {"turbulent_loss": {}}
+# What tells the filter that its model of the drive is poor.
+UNSURE: dict[str, Any] = {"estimator": {"noise": {"drive": 0.1, "rates": 0.03}}}
 CASES: dict[str, dict[str, Any]] = {
     "stiffer, finer, loaded": {},
     "the same, late": {"rig": {"command_delay": 0.010}},
@@ -50,7 +52,14 @@ CASES: dict[str, dict[str, Any]] = {
             "actuation": {"kind": "hydraulic-friction"}, "hydraulics": {"friction": FRICTION}
         },
     },
+    "friction, the filter told": {
+        "plant": {
+            "actuation": {"kind": "hydraulic-friction"}, "hydraulics": {"friction": FRICTION}
+        },
+        "rig": UNSURE,
+    },
     "inertance, rotor, turbulence": {"plant": {"effects": WET}},
+    "… the filter told": {"plant": {"effects": WET}, "rig": UNSURE},
     "… and in the model, but turbulence": {
         "plant": {"effects": WET}, "controller": {"effects": INERT}
     },
