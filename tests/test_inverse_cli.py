@@ -133,6 +133,8 @@ def test_held_units_and_costs(scene: Path) -> None:
     assert all("P_2 held" in one["active_limits"] for one in found)
     assert len({round(one["pressures_mpa"][0], 4) for one in found}) > 1
     assert tuple(REST_COSTS) == COSTS
+    named = answer(scene, "--tip", "0.05,0,0.6", "--hold", "P_2=0.3", "--cost", COSTS[0])
+    assert named["pressures_mpa"] == found[0]["pressures_mpa"]
 
 
 def test_friction_has_a_band(tmp_path: Path) -> None:
@@ -210,6 +212,10 @@ def test_ctrl_c_keeps_what_is_done(scene: Path, tmp_path: Path) -> None:
         (("--tip", "0,0,0.5", "--targets", "t.csv"), "give --tip, --direction"),
         (("--tip", "0,0,0.5", "--path"), "--path is for a file"),
         (("--tip", "0,0.5"), "has 2 numbers, three are needed"),
+        (("--tip", "0"), "'0' has 1 number, three are needed"),
+        (("--tip", "120,0,570"), "the target is far out of reach: (120, 0, 570) m is 582.5 m from"),
+        (("--tip", "1:-,0,1.2"), "but the arm is 0.75 m long at most"),
+        (("--tip", "0,0,570"), "are these metres?"),
         (("--tip", "0,x,0.5"), "'x' (value 1) is not a number"),
         (("--tip", "0,nan,0.5"), "not a finite number"),
         (("--tip", "-,-,-"), "must be three numbers in m"),
@@ -218,7 +224,9 @@ def test_ctrl_c_keeps_what_is_done(scene: Path, tmp_path: Path) -> None:
         (("--direction", "0,0,0"), "not all of them zero"),
         (("--direction", "0,-,1"), "is not a number"),
         (("--tip", "0,0,0.5", "--hold", "2"), "must be UNIT=MPA"),
-        (("--tip", "0,0,0.5", "--hold", "9=0.1"), "units 1 to 6"),
+        (("--tip", "0,0,0.5", "--hold", "9=0.1"), "held unit 9: this arm has the units 1 to 6"),
+        (("--tip", "0,0,0.5", "--hold", "P_9=0.1"), "held unit 9: this arm has the units 1 to 6"),
+        (("--tip", "0,0,0.5", "--hold", "T_2=0.1"), "must be UNIT=MPA, such as 2=0.3 or P_2=0.3"),
         (("--tip", "0,0,0.5", "--hold", "2=3"), "must be between 0 and 1 MPa"),
         (("--tip", "0,0,0.5", "--cost", "most"), "least-pressure"),
         (("--targets", "missing.csv"), "No such file"),
@@ -235,6 +243,8 @@ def test_wrong_words(scene: Path, words: tuple[str, ...], said: str) -> None:
         ("x,y,z\n", "has no targets"),
         ("a,y,z\n0,0,0.5\n", "the header is a,y,z"),
         ("0,0\n", "line 1: has 2 values"),
+        ("0\n", "line 1: has 1 value: must be"),
+        ("0,0,0.5\n100,0,500\n", "target 2 of 2 is far out of reach: (100, 0, 500) m"),
         ("x,y,z\n0,0,0.5\n0,b,0.5\n", "line 3: 'b' is not a number"),
         ("0,0,inf\n", "line 1: Position.place"),
         ("x,y,z,dx,dy,dz\n,,,,,\n0,0,0.5,0,0,0\n", "line 3: Direction.axis"),

@@ -8,6 +8,7 @@ fails is in test_controller_failures.py.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,14 @@ horizon = 5
 [track.plant]
 tolerance = 1e-6
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_clearance() -> Iterator[None]:
+    """It takes as long as a run, and is not what these tests are about."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("softmpc.control.tracking.find_clearance", lambda *_: None)
+        yield
 
 
 def scene_file(folder: Path, controller: str = "", **changes: str) -> Path:

@@ -5,6 +5,7 @@ A lap or less here; two laps, and real-time iteration beside the converged probl
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,14 @@ from softmpc.statics.targets import Position
 from tests.benchmarks.tracking import PATHS, run, task_of
 
 FULL = 2.5  # N·m
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _no_clearance() -> Iterator[None]:
+    """It takes as long as a run, and is not what these tests are about."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("softmpc.control.tracking.find_clearance", lambda *_: None)
+        yield
 
 
 def loop(name: str, laps: float = 1.0, **settings: object) -> TrackResult:
@@ -86,12 +95,14 @@ def across() -> TrackResult:
     return loop("across", 0.5)
 
 
+@pytest.mark.slow
 def test_jumps_are_crossed(across: TrackResult) -> None:
     stays_within_its_limits(across)
     assert across.jumps is not None and len(across.jumps) == 1
     assert across.reachable_error[across.counted].max() <= 2e-3
 
 
+@pytest.mark.slow
 def test_windows_after_jumps_do_not_count(across: TrackResult) -> None:
     """From a jump on for half a second, and nothing else; errors are larger there."""
     assert across.jumps is not None
@@ -114,12 +125,12 @@ def model() -> Model:
 def line(model: Model) -> RestPath:
     """Deeper in the void, out and back."""
     reference = Reference(Line((-0.12, 0.0, 0.42), (0.12, 0.0, 0.42)), TimeLaw(6.0, 1.0))
-    return find_rest_path(InverseStatics(model, starts=6), reference, nodes=24)
+    return find_rest_path(InverseStatics(model, starts=6), reference, nodes=16)
 
 
 def test_same_place_same_distance(line: RestPath) -> None:
     """The way back meets every place again, from the other side: the nearest is the nearest."""
-    phases = np.linspace(0.0, 0.5, 13)
+    phases = np.linspace(0.0, 0.5, 9)  # the nodes
     off = [np.interp(p, line.lap.phase, line.distance) for p in (phases, 1 - phases)]
     far = np.abs(off[0] - off[1])
     assert np.median(line.distance) > 0.02 and line.jumps.sum() >= 2

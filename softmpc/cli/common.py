@@ -150,9 +150,9 @@ def stages(first: str, unit: str) -> Iterator[Stage]:
         def stage(what: str, unit: str) -> Progress:
             def report(done: float, total: float) -> None:
                 if bar.desc not in (what, f"{what}: "):
-                    bar.reset(total)
                     bar.unit = unit
                     bar.set_description(what, refresh=False)
+                    bar.reset(total)
                 bar.total = total
                 bar.update(done - bar.n)
 

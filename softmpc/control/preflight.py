@@ -150,7 +150,7 @@ def check_reach(
     if first[0].distance < near:
         return None
     far = np.array([one.distance for one in first + along(inverse, some[1:], first[0])])
-    worst, note = int(np.argmax(far)), f"and all of {len(far)} places looked at"
+    worst, note = int(np.argmax(far)), f"no place of the {len(far)} looked at is in reach"
     place, excess = tuple(some[worst].tolist()), 1e3 * float(far[worst])
     found = Finding("reach", 0.0, reference.duration, place, excess, "mm", note)
     return found if far.min() >= near else None
