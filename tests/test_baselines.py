@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softmpc.control.baselines import Regulated
 from softmpc.control.compare import controllers_of, row_of
-from softmpc.control.tracking import read_tracking, set_up
+from softmpc.control.tracking import Setup, read_tracking, set_up
 from softmpc.errors import SceneError
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
@@ -19,9 +20,13 @@ LINE = {
 
 
 @pytest.fixture(scope="module")
-def rows():
+def setup() -> Setup:
     task = read_tracking({**LINE, "controller": {"horizon": 8}}, Path("."))
-    setup = set_up(Scene(chen2022()), task)
+    return set_up(Scene(chen2022()), task)
+
+
+@pytest.fixture(scope="module")
+def rows(setup: Setup):
     return {name: row_of(setup.run(make())) for name, make in controllers_of(setup).items()}
 
 
@@ -30,6 +35,29 @@ def test_the_controller_is_the_best_and_converged(rows) -> None:
     assert cost["real-time"] < cost["LQR"] < cost["feed-forward"]
     assert cost["real-time"] == pytest.approx(cost["IPOPT to convergence"], rel=0.02)
     assert all(row["failures"] == 0 and np.isfinite(row["variation"]) for row in rows.values())
+
+
+def test_the_regulator_is_no_slower_than_its_reference(setup: Setup) -> None:
+    """On a ramp of the rest path its linear loop ends up less than 5 ms behind, so no lead helps."""
+    rest, ocp, node = setup.preflight.rest, setup.ocp, 0
+    baseline = Regulated(ocp, setup.guide)
+    loop, layout, n = baseline._terminals[0].regulator, ocp.model.layout, ocp.model.strains
+    x = (rest.x[node + 1] - rest.x[node]) / layout.x.scale  # along the path, a unit of time
+    u = (rest.u[node + 1] - rest.u[node]) / layout.u.scale
+    moving = x.copy()
+    moving[n : 2 * n] = x[:n] * layout.q.scale / layout.dq.scale
+    offset, states = moving - x, len(x)
+    A, B = loop.A[:states, :states], loop.B[:states]
+    assert pytest.approx(A @ x + B @ u, abs=0.02 * np.abs(x).max()) == x  # rest stays rest
+    state, before, h = np.zeros(states), -u * ocp.step / 2, ocp.step
+    for k in range(400):
+        held = u * (k + 0.5) * h  # at the middle of the step, as it is fed forward
+        off = np.concatenate([state - x * k * h - offset, before - (held - u * h)])
+        before = held - loop.K @ off
+        state = A @ state + B @ before
+    J = np.asarray(ocp.model.tip_jacobian(rest.q[node]))[-3:] * layout.q.scale
+    speed, behind = J @ x[:n], J @ (x[:n] * 400 * h - state[:n])
+    assert abs(behind @ speed) / (speed @ speed) < 5e-3  # s
 
 
 WITHOUT = {"inertia": False, "environment_damping": False, "material_damping": False}
