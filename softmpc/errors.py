@@ -72,8 +72,8 @@ def unknown_name(what: str, name: object, allowed: Iterable[str]) -> str:
 
 @contextmanager
 def errors_in(where: object) -> Iterator[None]:
-    """Put ``where`` (a file, a table) in front of the message of any `InputError` raised inside."""
+    """Put ``where`` (a file, a table) before the message of an `InputError` or `BuildError`."""
     try:
         yield
-    except InputError as error:
+    except (InputError, BuildError) as error:
         raise type(error)(f"{where}: {error}") from None

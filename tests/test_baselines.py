@@ -38,7 +38,7 @@ def test_the_controller_is_the_best_and_converged(rows) -> None:
 
 
 def test_the_regulator_is_no_slower_than_its_reference(setup: Setup) -> None:
-    """On a ramp of the rest path its linear loop ends up less than 5 ms behind, so no lead helps."""
+    """On a ramp of the rest path its linear loop ends less than 5 ms behind: no lead helps."""
     rest, ocp, node = setup.preflight.rest, setup.ocp, 0
     baseline = Regulated(ocp, setup.guide)
     loop, layout, n = baseline._terminals[0].regulator, ocp.model.layout, ocp.model.strains

@@ -450,9 +450,7 @@ def test_track_tells_how_it_ended(
     status: int,
     said: str,
 ) -> None:
-    monkeypatch.setattr(
-        "softmpc.control.tracking.track_file", lambda *_: tracked(**changes)
-    )
+    monkeypatch.setattr("softmpc.control.tracking.track_file", lambda *_: tracked(**changes))
     result = softmpc("track", scene(CIRCLE), "--json")
     assert result.exit_code == status
     assert json.loads(result.stdout)["rms_error_mm"] is None  # nothing after the settling time

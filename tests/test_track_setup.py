@@ -20,7 +20,7 @@ from softmpc.control.baselines import Regulated
 from softmpc.control.compare import compare_file
 from softmpc.control.preflight import Finding
 from softmpc.control.tracking import _stop_where_infeasible, ready, track_file
-from softmpc.errors import InputError, SceneError
+from softmpc.errors import BuildError, InputError, SceneError
 from softmpc.model.scene_file import check_document
 from softmpc.model.tables import Table
 from softmpc.rig.rigging import run_rig_file
@@ -208,6 +208,12 @@ def test_an_interrupted_comparison_keeps_what_is_done(
         (
             track_file,
             "horizon = 2",
+            "scene = {actuation = {kind = 'hydraulic-friction'}, hydraulics = {friction = 9.0}}",
+            r"\[track.controller\]: this problem carries the drive 'hydraulic-friction'",
+        ),
+        (
+            track_file,
+            "horizon = 2",
             "torque_rate = 0.01",
             r"\[track\]: the path is infeasible:\n  torque rate: t = .*raise torque_rate in",
         ),
@@ -216,7 +222,7 @@ def test_an_interrupted_comparison_keeps_what_is_done(
 def test_errors_name_the_file(
     file: Path, run: Callable[[Path], Any], old: str, new: str, said: str
 ) -> None:
-    with pytest.raises(InputError, match=rf"(?s)^{file}: {said}"):
+    with pytest.raises((InputError, BuildError), match=rf"(?s)^{file}: {said}"):
         run(changed(file, old, new))
 
 

@@ -42,7 +42,7 @@ CHECKING = "checking the path", "place"
 @click.option(
     "--compare", "against", is_flag=True,
     help="Run feed-forward, LQR and IPOPT to convergence as well, and print one table. IPOPT "
-    "takes minutes; Ctrl-C keeps what is done until then.",
+    "may take minutes; Ctrl-C keeps what is done until then.",
 )  # fmt: skip
 @click.option(
     "--ideal", is_flag=True,

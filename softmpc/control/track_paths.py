@@ -52,7 +52,7 @@ def _read_path(table: Table, folder: Path) -> TipPath:
     normal = table.vector("normal", 3, DOWN)
     size: dict[str, Any] = {"unit": "m", "low": 0.0, "low_open": True, "high": 100.0}
     if kind == "figure-eight":
-        width = table.number("width", doc="how wide the eight is, tip to tip", **size)
+        width = table.number("width", doc="how wide the eight is", **size)
         height = table.number("height", doc="how high the eight is", **size)
         return FigureEight(center, width, height, normal)
     diameter = table.number("diameter", doc=f"that of the {kind}", **size)
