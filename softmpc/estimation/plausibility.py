@@ -1,4 +1,9 @@
-"""What can be said of a reading by itself, before any model: finite, of the right size, alive."""
+"""What can be said of a reading without a model: finite, of the right size, alive, no jump.
+
+A jump tells a wrong reading from a wrong model: the arm moves, however wrong the estimate is, and
+a camera that was hit or sees something else is there at once. What follows a jump is left out until
+readings jump again, or for some time.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +13,13 @@ from math import isfinite
 import numpy as np
 
 from softmpc.estimation.sensing import Sample
-from softmpc.estimation.sensors import Reading, Sensor
+from softmpc.estimation.sensors import TICK, Reading, Sensor
 
 __all__ = ["Plausibility"]
 
 FROZEN_AFTER = 3  # equal readings in a row, of a sensor with noise
+AWAY = 2000  # ticks after a jump for which readings are left out
+SURE = 8.0  # deviations of the noise that no jump is
 
 
 class Plausibility:
@@ -20,6 +27,8 @@ class Plausibility:
 
     def __init__(self, sensors: Sequence[Sensor], readings: Sequence[Reading]) -> None:
         self._noisy = [sensor.noise > 0 for sensor in sensors]
+        self._fastest = [sensor.fastest * TICK for sensor in sensors]
+        self._margin = [SURE * sensor.noise for sensor in sensors]
         self._sizes = [len(reading.names) for reading in readings]
         self.reset()
 
@@ -27,6 +36,8 @@ class Plausibility:
         """Forget the readings before."""
         self._last = [b""] * len(self._sizes)
         self._equal = [1] * len(self._sizes)
+        self._moved: list[tuple[int, np.ndarray] | None] = [None] * len(self._sizes)
+        self._away: list[int | None] = [None] * len(self._sizes)  # since a jump
 
     def fault(self, sample: Sample) -> str:
         """Why a reading cannot be used; empty where it can."""
@@ -38,4 +49,22 @@ class Plausibility:
         bits = value.tobytes()
         self._equal[i] = self._equal[i] + 1 if bits == self._last[i] else 1
         self._last[i] = bits
-        return "frozen" if self._noisy[i] and self._equal[i] >= FROZEN_AFTER else ""
+        if self._noisy[i] and self._equal[i] >= FROZEN_AFTER:
+            return "frozen"
+        if self._equal[i] == 1:
+            self._follow(i, sample.stamp, value)
+        return "" if self._away[i] is None else "after a jump"
+
+    def _follow(self, i: int, stamp: int, value: np.ndarray) -> None:
+        """See whether a sensor's readings have jumped away, or back."""
+        before, away = self._moved[i], self._away[i]
+        if before is not None and stamp <= before[0]:
+            return
+        self._moved[i] = stamp, value
+        if before is not None:
+            most = self._fastest[i] * (stamp - before[0]) + self._margin[i]
+            if float(np.abs(value - before[1]).max()) > most:
+                self._away[i] = stamp if away is None else None
+                return
+        if away is not None and stamp - away >= AWAY:
+            self._away[i] = None

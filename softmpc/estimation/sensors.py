@@ -38,6 +38,7 @@ class Sensor:
 
     name: ClassVar[str]
     unit: ClassVar[str]
+    fastest: ClassVar[float] = np.inf  # change a second of a value that no arm exceeds
 
     rate: float = 100.0
     latency: float = 0.0
@@ -130,6 +131,7 @@ class SectionTips(Sensor):
 
     name: ClassVar[str] = "section_tips"
     unit: ClassVar[str] = "m"
+    fastest: ClassVar[float] = 3.0
     noise: float = 5e-4
     sections: tuple[int, ...] = ()  # 1, 2, …; all without any
 
