@@ -40,12 +40,12 @@ def main() -> None:
         print(f"{name}  " + "  ".join(f"{number:12.2f}" for number in numbers))
 
 
-def save(figure: Figure, path: Path) -> None:
-    """A small PNG."""
+def save(figure: Figure, path: Path, colours: int = COLOURS) -> None:
+    """A small PNG, of so many colours."""
     whole = io.BytesIO()
     figure.savefig(whole, dpi=DOTS)
     with Image.open(whole) as image:
-        image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+        image.convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(path, optimize=True)
     print(path)
 
 

@@ -81,9 +81,9 @@ def main() -> None:
     for name, stem in (("figure_eight_rig", "rig"), ("circle_faults", "rig_faults")):
         with progress(name) as report:
             result = run_rig_file(ROOT / "examples" / f"{name}.toml", report)
-        save(rig_figure(result), folder / f"{stem}.png")
+        save(rig_figure(result), folder / f"{stem}.png", colours=256)
         if stem == "rig":
-            save(estimate_figure(result), folder / "rig_estimate.png")
+            save(estimate_figure(result), folder / "rig_estimate.png", colours=256)
 
 
 if __name__ == "__main__":
