@@ -27,12 +27,19 @@ DOES = {
 }
 # From, to, words, the bend of the arrow, where the words are.
 ARROWS: tuple[tuple[State, State, str, float, tuple[float, float]], ...] = (
-    (State.NORMAL, State.DEGRADED, "a sensor silent, a step failed,\nreadings contradict the estimate",
-     -0.25, (4.0, 4.45)),
+    (
+        State.NORMAL, State.DEGRADED,
+        "a sensor silent, a step failed,\nreadings contradict the estimate", -0.25, (4.0, 4.45),
+    ),
     (State.DEGRADED, State.NORMAL, "all well for a while", -0.25, (4.0, 2.6)),
-    (State.DEGRADED, State.FALL_BACK, "tips unseen for long,\nsolver fails for long,\ntip not known",
-     -0.5, (8.25, 2.15)),
-    (State.FALL_BACK, State.DEGRADED, "better for a while\n(normal, if all is well)", -0.5, (4.65, 2.1)),
+    (
+        State.DEGRADED, State.FALL_BACK,
+        "tips unseen for long,\nsolver fails for long,\ntip not known", -0.5, (8.25, 2.15),
+    ),
+    (
+        State.FALL_BACK, State.DEGRADED,
+        "better for a while\n(normal, if all is well)", -0.5, (4.65, 2.1),
+    ),
     (State.FALL_BACK, State.SAFE_STOP, "too long", -0.25, (4.0, 0.12)),
     (State.SAFE_STOP, State.NORMAL, "better for a while,\nor reset by hand", -0.5, (-0.1, 2.15)),
 )  # fmt: skip
