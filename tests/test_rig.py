@@ -21,6 +21,7 @@ from softmpc.rig.result import RigResult
 from softmpc.rig.rigging import Rig, read_rig_file, rig_up
 from softmpc.rig.scene_table import RigSettings, read_rig
 from softmpc.rig.supervision import State
+from softmpc.simulation.integrator import IntegrationError
 
 SCENE = """
 schema = 1
@@ -164,6 +165,34 @@ def test_all_at_once(rig: Rig) -> None:
     result = run(rig, *faults, duration=2.0)
     check_inputs(rig, result)
     assert result.state[-1] <= State.DEGRADED
+
+
+@pytest.mark.parametrize("after", [0.1, 0.6])
+def test_a_plant_that_stops(rig: Rig, monkeypatch: pytest.MonkeyPatch, after: float) -> None:
+    """While the arm waits at rest (0.25 s), and later: what was until then is there."""
+    plant = rig.machine.plants[""]
+    advance = plant.advance
+
+    def until(*arguments: Any) -> Any:
+        if rig.machine.tick >= 1000 * (after - 0.25):
+            raise IntegrationError("cannot go on")
+        return advance(*arguments)
+
+    monkeypatch.setattr(plant, "advance", until)
+    result = run(rig)
+    assert result.track.status == "plant stopped: cannot go on"
+    assert len(result.state) == (0 if after < 0.25 else 14)
+    assert len(result.track.time) == 1 + 25 * len(result.state)
+    assert result.summary()["steps"] == len(result.state)
+
+
+def test_interrupted_while_it_waits(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(rig.pilot, "listen", stop)
+    result = run(rig)
+    assert result.track.status == "interrupted" and len(result.state) == 0
 
 
 # ---------------------------------------------------------------- the table

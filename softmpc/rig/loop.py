@@ -81,6 +81,15 @@ def fly(
         flight.status = f"plant stopped: {error}"
     finally:
         _interfere(pilot, (), 0, usual)
+    return _whole(flight, machine, ticks)
+
+
+def _whole(flight: Flight, machine: Machine, ticks: int) -> Flight:
+    """Without an act whose step was not finished; with a state where there is none."""
+    if not flight.states:
+        flight.states.append(machine.x[None])
+        flight.inputs.append(machine.acting[None])
+    del flight.acts[(sum(map(len, flight.states)) - 1) // ticks :]
     return flight
 
 

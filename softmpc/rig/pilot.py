@@ -16,6 +16,7 @@ import numpy as np
 
 from softmpc.control.guide import Guide
 from softmpc.control.mpc import Mpc
+from softmpc.control.one_thread import one_thread
 from softmpc.control.stage import DISTURBANCE
 from softmpc.control.step import Step
 from softmpc.estimation.estimator import Estimate, Estimator
@@ -77,10 +78,12 @@ class Pilot:
         self._held_at: float | None = None  # time of the reference, in fall-back
         self._last: tuple[Estimate, Estimate] | None = None
 
+    @one_thread
     def listen(self, tick: int, samples: Sequence[Sample]) -> None:
         """Take what has arrived, without an input: the last one is held."""
         self._estimates(tick, samples)
 
+    @one_thread
     def step(self, tick: int, samples: Sequence[Sample]) -> Act:
         """The input from what has arrived until `tick`."""
         began = time.perf_counter()

@@ -132,6 +132,7 @@ def _plants(setup: Setup, task: Tracking, settings: RigSettings) -> Mapping[str,
 def _result(rig: Rig, flight: Flight) -> RigResult:
     states, acting = np.vstack(flight.states), np.vstack(flight.inputs)
     estimator, model = rig.pilot.estimator, rig.pilot.estimator.model
+    disturbance = estimator.process.disturbance
     acts, n = flight.acts, model.strains
     x = np.array([act.estimate.x for act in acts]).reshape(len(acts), len(model.layout.x))
     P = np.array([act.estimate.P for act in acts]).reshape(len(acts), *2 * [estimator.process.size])
@@ -151,14 +152,14 @@ def _result(rig: Rig, flight: Flight) -> RigResult:
         strains_spread=spread[:, :n] * model.layout.q.scale,
         tips=tips,
         tips_spread=tips_spread,
-        d=np.array([act.estimate.d for act in acts]).reshape(len(acts), -1),
+        d=np.array([act.estimate.d for act in acts]).reshape(len(acts), len(disturbance)),
         d_spread=spread[:, estimator.process.nx :],
         acting=acting[: len(track.time)],
         innovation_sensor=np.array([one.sensor for one in found], dtype=int),
         innovation_time=TICK * np.array([one.stamp for one in found]),
         nis=np.array([one.nis for one in found]),
         accepted=np.array([one.accepted for one in found], dtype=bool),
-        names=(model.layout.q.names, estimator.process.disturbance.names),
+        names=(model.layout.q.names, disturbance.names),
         sensors=tuple(sensor.name for sensor in estimator.sensors),
         sizes=tuple(len(reading.names) for reading in estimator.readings),
         transitions=tuple(str(one) for one in rig.pilot.supervisor.log),
