@@ -39,7 +39,6 @@ class Act:
     state: State
     step: Step  # of the MPC; where it was not asked its status is the state
     estimate: Estimate  # of now
-    expected: Estimate  # of the time at which u acts
     estimate_seconds: float
     seconds: float
 
@@ -54,16 +53,14 @@ class Pilot:
         supervisor: Supervisor,
         guide: Guide,
         delay: int = 0,
-        rest_input: Array | None = None,
     ) -> None:
         self.mpc, self.estimator, self.supervisor = mpc, estimator, supervisor
         self.guide, self.delay = guide, delay
-        k = len(mpc.ocp.model.layout.u)
-        self.rest_input = mpc.guard.inside(np.zeros(k) if rest_input is None else rest_input)
         self._tips = [
             i for i, sensor in enumerate(estimator.sensors) if isinstance(sensor, SectionTips)
         ]
         self._scale = mpc.ocp.model.layout.u.scale
+        self._rest_input = mpc.guard.inside(0.0 * self._scale)
 
     def reset(self, x: Array, u: Array, tick: int = 0) -> None:
         """Begin at a state of the controller's model and an input."""
@@ -103,7 +100,7 @@ class Pilot:
         self._pending.append((tick + self.delay, self.u))
         took = time.perf_counter() - began
         step = replace(step, u=self.u.copy())
-        return Act(self.u.copy(), state, step, now, expected, estimated, took)
+        return Act(self.u.copy(), state, step, now, estimated, took)
 
     # --- the estimate ----------------------------------------------------------------------------
 
@@ -189,7 +186,7 @@ class Pilot:
         """What holds the reference where it was, or on the way to the arm at rest."""
         if state is State.SAFE_STOP:
             most = self._scale * self.mpc.ocp.step / self.supervisor.settings.ramp
-            return np.clip(self.rest_input, self.u - most, self.u + most)
+            return np.clip(self._rest_input, self.u - most, self.u + most)
         if self._held_at is None:
             self._held_at = tick * TICK
         self._failed_steps, self._problem = 0, ""  # it will be asked again
