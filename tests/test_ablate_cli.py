@@ -106,6 +106,7 @@ def test_files(answered: Answered) -> None:
     assert softmpc("simulate", out / "proposed.toml", "--json").exit_code == 0
 
 
+@pytest.mark.slow
 def test_the_proposal_moves_as_long_as_it_was_proved(scene: Path, tmp_path: Path) -> None:
     words = ("--repeats", 1, "--tolerance", "2mm", "--duration", 0.05, "--out", tmp_path)
     assert softmpc("ablate", scene, *words).exit_code == 0

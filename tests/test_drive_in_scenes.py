@@ -79,6 +79,7 @@ def test_coupled_arm_settles_in_the_posture_of_its_statics() -> None:
 # --------------------------------------------------------------------------------- simulation
 
 
+@pytest.mark.slow
 def test_simulation_with_everything_is_that_of_scipy() -> None:
     """Friction, inertance, turbulence, cavities, stops, back-driving and coupling at once."""
     m = model(*ALL, friction=30.0)

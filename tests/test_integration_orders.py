@@ -171,6 +171,7 @@ def test_radau_is_l_stable_and_gauss_is_not() -> None:
             assert abs(growth) == pytest.approx(far, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_conservative_arm_keeps_its_energy_for_a_minute() -> None:
     """Gauss at 2.5 ms: errors swing with the motion and do not add up. Radau loses energy."""
     model, x, *_ = free()

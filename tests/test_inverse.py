@@ -141,6 +141,7 @@ def fine() -> InverseStatics:
 # ---------------------------------------------------------------- out of reach
 
 
+@pytest.mark.slow
 def test_nothing_is_nearer_than_the_nearest() -> None:
     """Against many random postures, refined by SciPy's least squares over the pressures."""
     model = paper().model

@@ -76,7 +76,7 @@ def moment_at(t: Transcription, model: Model) -> tuple[np.ndarray, np.ndarray, n
     "scene",
     [
         Scene(chen2022()),
-        Scene(chen2022(), actuation=PressureDrive()),
+        pytest.param(Scene(chen2022(), actuation=PressureDrive()), marks=pytest.mark.slow),
         Scene(chen2022(), effects=(Gravity(), MaterialDamping())),
     ],
     ids=["hydraulic", "pressures", "without inertia"],

@@ -137,6 +137,7 @@ def _split(t: Transcription, rows: ca.MX) -> tuple[ca.MX, ca.MX]:
     return rows[: t.na], rows[t.na :]
 
 
+@pytest.mark.slow
 def test_both_hessians_find_the_same_optimum(model: Model) -> None:
     x, tip = at_rest(model, TORQUE)
     t = Transcription(tracking_problem(model, 5, 0.025))

@@ -103,6 +103,7 @@ def test_extents_against_a_dense_grid(space: Workspace) -> None:
     assert space.extents == pytest.approx(brute, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_volume_against_rejection(model: Model) -> None:
     """Share of random places that admissible pressures hold; standard error 0.2 %."""
     space = find_workspace(model, azimuths=24, polars=9, samples=300, executor=1)
@@ -179,6 +180,7 @@ def test_limits_of_strains_count() -> None:
     assert space.extreme("arc_length", "largest").value == pytest.approx(0.325, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_tip_of_the_first_section() -> None:
     """The second one moves as well: its weight moves the tip of the first."""
     two = build(Scene(PAPER))
@@ -190,6 +192,7 @@ def test_tip_of_the_first_section() -> None:
 # ---------------------------------------------------------------- arms that fall
 
 
+@pytest.mark.slow
 def test_upright_arms_end_where_they_fall() -> None:
     """Soft and upright: IPOPT goes on along equilibria that do not hold."""
     falling = build(Scene(PAPER, effects=(Gravity(vector=(0, 0, -9.81)), Payload(mass=0.3))))

@@ -113,6 +113,7 @@ def test_bend_alone_is_a_surface() -> None:
     assert space.extreme("arc_length", "largest").value == pytest.approx(length)
 
 
+@pytest.mark.slow
 def test_a_body_beside_the_axis() -> None:
     """The first section stuck in a bend: rays turn around the middle of what is left."""
     arm = build(Scene(PAPER))
@@ -124,6 +125,7 @@ def test_a_body_beside_the_axis() -> None:
     assert found.outside < 1e-3 and found.unreachable == 0
 
 
+@pytest.mark.slow
 def test_lying_arm() -> None:
     """Weight across: the peaks of the rim are at no round azimuths, half-planes move there."""
     arm = build(Scene(ONE, effects=(Gravity(vector=(4.0, 9.0, 0.0)),)))
