@@ -6,6 +6,7 @@ model what it is expected to read.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -28,7 +29,7 @@ LEAST = 1e-6  # noise of a sensor that has none, as a share of what a variable o
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(ABC):
     """A kind of sensor: `rate` (Hz), `latency` (s), `noise` (standard deviation, SI).
 
     `dropout` is the share of samples that never arrive, `bias` (SI) is added to each value, and
@@ -71,9 +72,9 @@ class Sensor:
         """Ticks from a sample to its arrival."""
         return round(self.latency / TICK)
 
+    @abstractmethod
     def reading(self, model: Model) -> Reading:
         """What it reads of this model; raises `InputError` where the model has no such thing."""
-        raise NotImplementedError
 
     def variances(self, reading: Reading, model: Model) -> Array:
         """Of each value it reads of a model.

@@ -6,6 +6,7 @@ its way: a sample, the input that acts, the ticks at which the controller wakes,
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -61,7 +62,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class SensorFault(Fault):
+class SensorFault(Fault, ABC):
     """Something wrong with the readings of one kind of sensor."""
 
     sensor: str = "section_tips"
@@ -71,9 +72,9 @@ class SensorFault(Fault):
         if self.sensor not in SENSORS:
             raise InputError(unknown_name(f"sensor of fault {self.name!r}", self.sensor, SENSORS))
 
+    @abstractmethod
     def changed(self, sample: Sample, before: Sample | None) -> Sample | None:
         """The sample that arrives instead; `before` is the last one ahead of the fault."""
-        raise NotImplementedError
 
     def __str__(self) -> str:
         return f"{self.sensor}: {super().__str__()}"
@@ -128,7 +129,7 @@ class Spike(SensorFault):
 
 
 @dataclass(frozen=True)
-class ActuatorFault(Fault):
+class ActuatorFault(Fault, ABC):
     """Something wrong with the input on its way to the arm; `units` from 1, all without any."""
 
     units: tuple[int, ...] = ()
@@ -140,9 +141,9 @@ class ActuatorFault(Fault):
             raise InputError(f"fault {self.name!r}: units = {chosen}: must be from 1 to {inputs}")
         return [unit - 1 for unit in chosen]
 
+    @abstractmethod
     def acting(self, u: Array, before: Array) -> Array:
         """What acts instead of u (k); `before` acted when the fault began."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
