@@ -24,7 +24,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from consistency import CONTROL, Laboratory, Line, Runs, line
 
 from softmpc.control.mpc import Mpc
 from softmpc.control.ocp import tracking_problem
@@ -33,6 +32,7 @@ from softmpc.control.transcription import Transcription
 from softmpc.estimation.sensing import Sample, Sensing
 from softmpc.estimation.sensors import TICK
 from softmpc.simulation.idas import Idas
+from tests.consistency import CONTROL, Laboratory, Line, Runs, line
 
 STEPS, EARLY = 120, 10
 HEADER = f"{'':<26}{'mean':>8}   {'95 % band':<14}{'within':>9}"
