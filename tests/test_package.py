@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import os
 import pkgutil
 import subprocess
 import sys
@@ -121,3 +122,17 @@ def test_functions_are_short() -> None:
         if count > MOST_LINES_OF_A_FUNCTION
     }
     assert long == {}
+
+
+def test_benchmarks_start_as_their_pages_say() -> None:
+    """`python -m tests.benchmarks.…` from the folder of the project, without what pytest adds."""
+    names = sorted(path.stem for path in (ROOT / "tests" / "benchmarks").glob("[!_]*.py"))
+    assert "tracking" in names
+    code = "import importlib, sys\nfor n in sys.argv[1:]: importlib.import_module(n)"
+    modules = [f"tests.benchmarks.{name}" for name in names]
+    plain = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-c", code, *modules], cwd=ROOT, env=plain, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
