@@ -1,6 +1,6 @@
 """Is the estimator right about its errors, and what does it cost?
 
-    python -m tests.benchmarks.estimation [--runs 100] [--quick]
+    python -m tests.benchmarks.estimation [--runs 100] [--seed 0] [--quick]
 
 Squares of errors and innovations, normalised by the covariances that the filter states for them,
 are averaged over runs at each time (NEES and NIS). Without mismatch such a mean lies within its
@@ -119,6 +119,7 @@ def main() -> None:
     """Print all tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0, help="of the first run")
     parser.add_argument("--quick", action="store_true", help="10 runs, and fewer steps")
     chosen = parser.parse_args()
     runs = 10 if chosen.quick else chosen.runs
@@ -127,8 +128,8 @@ def main() -> None:
     share = 100 * ours / theirs
     print(f"estimator {1e3 * ours:.2f} ms a step, controller {1e3 * theirs:.2f} ms: {share:.0f} %")
     print(f"estimator with no controller between: {1e3 * bare:.2f} ms\n", flush=True)
-    show("without mismatch", lab, lab.matched(runs, STEPS))
-    show("with mismatch", lab, lab.mismatched(max(2, runs // 5), STEPS))
+    show("without mismatch", lab, lab.matched(runs, STEPS, chosen.seed))
+    show("with mismatch", lab, lab.mismatched(max(2, runs // 5), STEPS, chosen.seed))
 
 
 if __name__ == "__main__":
