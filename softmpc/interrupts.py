@@ -14,18 +14,28 @@ class InterruptLater:
     """Within this context Ctrl-C only sets `asked`; a second one interrupts at once.
 
     CasADi turns a KeyboardInterrupt that arrives inside one of its calls into other errors, or
-    into nothing at all. Inside another such context, it is the outer one that notes and acts.
+    into nothing at all. Inside another such context, it is the outer one that notes and acts;
+    one that is `shared` lets those inside it know, so that a long one stops early.
     """
 
-    def __init__(self) -> None:
-        self.asked = False
+    def __init__(self, shared: bool = False) -> None:
+        self._shared = shared
+        self._asked = False
+        self._outer: InterruptLater | None = None
         self._before: Any = None
 
+    @property
+    def asked(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._asked or (self._outer is not None and self._outer.asked)
+
     def __enter__(self) -> InterruptLater:
-        now = getattr(signal.getsignal(signal.SIGINT), "__self__", None)
-        inside = isinstance(now, InterruptLater)
+        now = signal.getsignal(signal.SIGINT)
+        outer = getattr(now, "__self__", None)
         main = threading.current_thread() is threading.main_thread()  # others set no handlers
-        if main and not inside:
+        if isinstance(outer, InterruptLater):
+            self._outer = outer if outer._shared else None
+        elif main and now is not signal.SIG_IGN:
             self._before = signal.signal(signal.SIGINT, self._note)
         return self
 
@@ -34,6 +44,6 @@ class InterruptLater:
             signal.signal(signal.SIGINT, self._before)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if self.asked:
+        if self._asked:
             raise KeyboardInterrupt
-        self.asked = True
+        self._asked = True

@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 from softmpc.errors import InputError, SweepError, is_interrupt
+from softmpc.interrupts import InterruptLater
 
 __all__ = ["Chunk", "Failure", "Outcome", "cut", "packed", "run", "run_packed", "short"]
 
@@ -74,16 +75,19 @@ def short(value: Any) -> str:
 def run(work: Any, cases: Sequence[Any], begun: Callable[[int], None] | None = None) -> Outcome:
     """Do the cases; `begun` is told the position of each before it is.
 
-    An error is an outcome, except Ctrl-C, which CasADi turns into other errors.
+    An error is an outcome, except Ctrl-C, which CasADi turns into other errors, or into nothing.
     """
     position = 0
     try:
-        one = work.begin() if hasattr(work, "begin") else work
-        texts = []
-        for position, case in enumerate(cases):
-            if begun:
-                begun(position)
-            texts.append(json.dumps(one(case), default=_plain))
+        with InterruptLater(shared=True) as interrupt:
+            one = work.begin() if hasattr(work, "begin") else work
+            texts = []
+            for position, case in enumerate(cases):
+                if begun:
+                    begun(position)
+                texts.append(json.dumps(one(case), default=_plain))
+                if interrupt.asked:
+                    raise KeyboardInterrupt
         return texts
     except Exception as error:
         if is_interrupt(error):
