@@ -107,7 +107,7 @@ def test_linearisation_is_the_jacobian_of_the_program(scene: Scene) -> None:
     inverse = np.linalg.inv(by_a[: t.na])
     A = by_x[t.na : first] - by_a[t.na : first] @ inverse @ by_x[: t.na]
     B = by_u[t.na : first] - by_a[t.na : first] @ inverse @ by_u[: t.na]
-    assert np.allclose(linear.A[k], A) and np.allclose(linear.B[k], B)
+    assert np.allclose(linear.steps.A[k], A) and np.allclose(linear.steps.B[k], B)
     assert np.allclose(linear.L[k, :, t.nu : 2 * t.nu], by_u[first:])
 
 
@@ -121,11 +121,13 @@ def test_condensed_cost_is_the_cost_of_the_linearised_trajectory(model: Model) -
         condensed = Condensing(linearisation, blocks)(linear)
         rng = np.random.default_rng(1)
         v, dx = rng.normal(size=condensed.H.shape[0]), rng.normal(size=t.nx)
-        free = condensed.linear.free(dx)
+        free = condensed.linear.steps.free(dx)
         step = condensed.expand(v, dx, free)
         du_before, before, e = np.zeros(t.nu), dx, []
         for k in range(t.N):
-            after = linear.A[k] @ before + linear.B[k] @ step.u[k] + linear.gaps[k]
+            after = (
+                linear.steps.A[k] @ before + linear.steps.B[k] @ step.u[k] + linear.steps.gaps[k]
+            )
             assert np.allclose(after, step.x[k])
             moved = np.concatenate([du_before, step.u[k], after])
             e.append(linear.e[k] + linear.E[k] @ moved)

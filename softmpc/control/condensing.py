@@ -51,7 +51,7 @@ class Condensed:
 
     def residuals_without(self, free: Array) -> tuple[Array, Array]:
         """The residuals of the intervals (N×…) and of the end (1×…) without any move."""
-        linear, first = self.linear, 2 * self.linear.B.shape[2]
+        linear, first = self.linear, 2 * self.linear.steps.B.shape[2]
         e = linear.e + (linear.E[:, :, first:] @ free[:, :, None])[..., 0]
         return e, linear.e_end + linear.E_end[0, :, first:] @ free[-1]
 
@@ -75,14 +75,14 @@ class Condensed:
 
     def limits(self, free: Array) -> Array:
         """The limit rows without any move (N×rows)."""
-        first = 2 * self.linear.B.shape[2]
+        first = 2 * self.linear.steps.B.shape[2]
         return np.asarray(self.linear.c + (self.linear.L[:, :, first:] @ free[:, :, None])[..., 0])
 
     def expand(self, moves: Array, dx: Array, free: Array) -> Trajectory:
         """The step of the whole trajectory that goes with the moves."""
-        du = moves.reshape(-1, self.linear.B.shape[2])[self.blocks]
+        du = moves.reshape(-1, self.linear.steps.B.shape[2])[self.blocks]
         x = free + self.states @ moves
-        return Trajectory(du, self.linear.stages(dx, x, du), x)
+        return Trajectory(du, self.linear.steps.stages(dx, x, du), x)
 
 
 class Condensing:
@@ -108,8 +108,8 @@ class Condensing:
 
     def _drive_states(self, linearisation: Linearisation) -> Array:
         """∂z⁺/∂v, constant (N × states of the drive × moves)."""
-        t = self.t
-        phi, gamma = (part[:, -1] for part in linearisation.drive)
+        t, grid = self.t, linearisation.dynamics.grid
+        phi, gamma = grid.phi[:, -1], grid.gamma[:, -1]
         scale = t.x_scale[self.arm :]
         found = np.zeros((t.N, t.nx - self.arm, self.moves))
         for k, block in enumerate(self.blocks):
@@ -147,13 +147,13 @@ class Condensing:
         states = np.empty((count, self.t.nx, self.moves))
         states[:, arm:] = self._drive
         states[0, :arm] = 0.0
-        np.matmul(linear.A[1:, :arm, arm:], self._drive[:-1], out=states[1:, :arm])
+        np.matmul(linear.steps.A[1:, :arm, arm:], self._drive[:-1], out=states[1:, :arm])
         before = 0  # later moves do not reach back
         for k, block in enumerate(self.blocks):
             own = block * width
-            states[k, :arm, own : own + width] += linear.B[k, :arm]
+            states[k, :arm, own : own + width] += linear.steps.B[k, :arm]
             if k:
-                reached = linear.A[k, :arm, :arm] @ states[k - 1, :arm, :before]
+                reached = linear.steps.A[k, :arm, :arm] @ states[k - 1, :arm, :before]
                 states[k, :arm, :before] += reached
             before = own + width
         return states

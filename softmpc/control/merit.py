@@ -55,7 +55,7 @@ class Multipliers:
         cls, condensed: Condensed, step: Trajectory, u: Array, x: Array, rows: Array
     ) -> Multipliers:
         """Those of the defects follow from the others backwards through the horizon."""
-        linear, width = condensed.linear, condensed.linear.B.shape[2]
+        linear, width = condensed.linear, condensed.linear.steps.B.shape[2]
         before = np.concatenate([np.zeros((1, width)), step.u[:-1]])
         moved = np.concatenate([before, step.u, step.x], axis=1)[:, :, None]
         e = linear.e + (linear.E @ moved)[:, :, 0]
@@ -67,9 +67,9 @@ class Multipliers:
         nodes = np.empty_like(slope)
         nodes[-1] = at = slope[-1]
         for k in range(len(slope) - 2, -1, -1):
-            nodes[k] = at = slope[k] + at @ linear.A[k + 1]
-        arm = linear.carry.shape[1]
-        stages = -(nodes[:, None, :arm] @ linear.carry)[:, 0]
+            nodes[k] = at = slope[k] + at @ linear.steps.A[k + 1]
+        arm = linear.steps.carry.shape[1]
+        stages = -(nodes[:, None, :arm] @ linear.steps.carry)[:, 0]
         return cls(u, x, stages, nodes, rows)
 
     @property

@@ -119,7 +119,7 @@ class RealTime:
             raise InputError("RealTime.feedback: call `prepare` before each `feedback`")
         self._prepared = None
         dx = x - ready.moment.x
-        free = ready.condensed.linear.free(dx)
+        free = ready.condensed.linear.steps.free(dx)
         program = self._program(ready, free)
         found = self.qp.solve(program, time_limit, self._active)
         self._active = found.multipliers if found.solved else None  # never that of a failure

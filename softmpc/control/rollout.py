@@ -58,8 +58,8 @@ class Rollout:
                 linear = linearisation(moment, at)
             except np.linalg.LinAlgError:
                 return None
-            dx = linear.free(still[0])
-            at = Trajectory(at.u, at.a + linear.stages(still[0], dx, still[1]), at.x + dx)
+            dx = linear.steps.free(still[0])
+            at = Trajectory(at.u, at.a + linear.steps.stages(still[0], dx, still[1]), at.x + dx)
             before, after = linear.measured, linearisation.measure(moment, at)
             worst = float(np.abs(after.defects).max())
             if worst <= AT_ONCE:

@@ -35,6 +35,14 @@ class StepForm:
             return cls(c * h, h**2 * (A @ A), 1.0, h * A, True)
         return cls(0 * c, h * A, 0.0, np.eye(len(c)), False)
 
+    @classmethod
+    def by_length(cls, model: Model, tableau: Tableau, length: float) -> StepForm:
+        """Its derivative in the length of the step."""
+        A, c, h = tableau.A, tableau.c, length
+        if model.order == 2:
+            return cls(c, 2 * h * (A @ A), 0.0, A, True)
+        return cls(0 * c, A, 0.0, 0 * A, False)
+
     @staticmethod
     def scale(model: Model, stages: int) -> np.ndarray:
         """Sizes of the unknowns of all stages."""
