@@ -222,8 +222,14 @@ def test_a_body_at_the_place_of_another_is_one_body() -> None:
         ),
         (lambda: Cylinder(axis=(0, 0, 0)), r"Cylinder\.axis"),
         (lambda: Cylinder(side="insde"), "did you mean 'inside'"),
-        (lambda: Contact(REFERENCE), "must be a list of Plane or Cylinder objects"),
-        (lambda: Contact((3,)), r"obstacles\[0\] = 3: must be a Plane or Cylinder object"),
+        (
+            lambda: Contact(REFERENCE),
+            "must be a list of Plane or Cylinder or Sphere or Box objects",
+        ),
+        (
+            lambda: Contact((3,)),
+            r"obstacles\[0\] = 3: must be a Plane or Cylinder or Sphere or Box object",
+        ),
         (lambda: Plane((0, 0)), r"Plane\.point = \(0\.0, 0\.0\): must be 3 numbers"),
     ],
 )

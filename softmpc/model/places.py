@@ -8,10 +8,11 @@ import casadi as ca
 
 from softmpc.model.chain import Chain, Link, State
 
-__all__ = ["Poses", "centerline", "poses", "section_ends"]
+__all__ = ["Poses", "centerline", "points_along", "poses", "section_ends"]
 
 Poses = list[tuple[Any, Any, Link]]  # place and orientation of each segment's base, tip last
 STEPS = 10  # points a segment on the centre line
+PLACES_ALONE = 3  # the highest Stumpff function that a place needs
 
 
 def poses(chain: Chain, state: State) -> Poses:
@@ -40,3 +41,21 @@ def centerline(chain: Chain, state: State) -> Any:
             point = chain.point(link.segment, state, step / STEPS)
             points.append(place + rotation @ point.p.terms[0])
     return ca.horzcat(*points)
+
+
+def points_along(chain: Chain, state: State, count: int) -> list[Any]:
+    """`count` places on the centre line of each section, section after section.
+
+    Evenly spaced in the section's rest length, the last at its end.
+    """
+    found, segments = poses(chain, state), chain.scene.segments
+    points = []
+    for first in range(0, len(chain.segments), segments):
+        for step in range(1, count + 1):
+            over, rest = divmod(step * segments, count)
+            place, rotation, link = found[first + over]
+            if rest:  # else it is where a segment begins
+                point = chain.point(link.segment, state, rest / count, PLACES_ALONE)
+                place = place + rotation @ point.p.terms[0]
+            points.append(place)
+    return points

@@ -25,19 +25,29 @@ SOURCES = ("table 1", "deduced", "fitted", "assumed")
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """The finite numbers from ``low`` to ``high``; ``low_open`` leaves ``low`` itself out."""
+    """The finite numbers from ``low`` to ``high``; ``low_open`` leaves ``low`` itself out.
+
+    With ``or_inf`` infinity is one more.
+    """
 
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
     low_open: bool = False
+    or_inf: bool = False
 
     def __contains__(self, value: float) -> bool:
+        if self.or_inf and value == math.inf:
+            return True
         above = value > self.low if self.low_open else value >= self.low
         return above and value <= self.high and math.isfinite(value)
 
     def __str__(self) -> str:
         """Say in words what is allowed, for messages and for the reference page."""
+        return f"{self._finite}, or inf" if self.or_inf else self._finite
+
+    @property
+    def _finite(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
         bounded = math.isfinite(self.low), math.isfinite(self.high)
         if bounded == (False, False):
@@ -87,6 +97,7 @@ def quantity(
     doc: str,
     toml: str | None = None,
     low_open: bool = False,
+    or_inf: bool = False,
     count: int | None = None,
 ) -> Any:
     """Return a dataclass field for a number (or, if ``default`` is a tuple, for several).
@@ -97,7 +108,7 @@ def quantity(
     if source.partition(":")[0] not in SOURCES:
         raise ParameterError(unknown_name("source", source, SOURCES))
     metadata = {
-        "range": Range(unit, low, high, low_open),
+        "range": Range(unit, low, high, low_open, or_inf),
         "many": isinstance(default, tuple),
         "count": count,
         "source": source,
