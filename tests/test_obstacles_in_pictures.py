@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from softmpc.model.effects import Contact
 from softmpc.model.model import Model
-from softmpc.model.obstacles import Cylinder, Obstacle, Plane
+from softmpc.model.obstacles import Box, Cylinder, Obstacle, Plane, Sphere
 from softmpc.model.scene import default_effects
 from softmpc.simulation.result import Simulation, titles_of
 from softmpc.view import animation
@@ -26,12 +26,14 @@ POST = Cylinder(point=(-0.2, 0.0, 0.4), axis=(0.0, 1.0, 0.0), radius=0.05)
 
 def faces_of(axes: Any) -> list[np.ndarray]:
     """Corners of all polygons in three-dimensional axes, without those that only pad."""
-    return [
-        corners[np.isfinite(corners).all(axis=1)]
-        for one in axes.collections
-        if isinstance(one, Poly3DCollection)
-        for corners in np.ma.filled(one._faces, np.nan)
-    ]
+    found = []
+    for one in axes.collections:
+        if isinstance(one, Poly3DCollection):
+            corners = np.array(np.ma.filled(one._faces, np.nan))
+            padding = getattr(one, "_invalid_vertices", False)
+            corners[np.broadcast_to(padding, corners.shape[:2])] = np.nan
+            found += [face[np.isfinite(face).all(axis=1)] for face in corners]
+    return found
 
 
 def drawn(obstacle: Obstacle, box: np.ndarray = BOX) -> list[np.ndarray]:
@@ -74,6 +76,24 @@ def test_a_cylinder_is_clipped_to_the_box() -> None:
     assert np.abs(np.hypot(places[:, 0] - 90.0, places[:, 2] - 0.5) - 90.0).max() < 1e-4
 
 
+def test_bodies_are_drawn_whole_and_clipped() -> None:
+    """Areas of a ball, a turned box and a cylinder with its ends, and what a wide ball shows."""
+    ball = drawn(Sphere((0.1, 0.0, 0.5), 0.3))
+    assert area(ball) == pytest.approx(4 * np.pi * 0.3**2, rel=5e-3)
+    assert area(drawn(Sphere((0.5, 0.0, 0.5), 0.3))) == pytest.approx(2 * np.pi * 0.3**2, rel=1e-2)
+    box = drawn(Box((0.0, 0.1, 0.5), (0.1, 0.2, 0.3), (30.0, -40.0, 50.0)))
+    assert area(box) == pytest.approx(2 * (0.02 + 0.03 + 0.06))
+    can = drawn(Cylinder((0.1, 0.0, 0.5), (1.0, 1.0, 0.0), 0.2, length=0.3))
+    assert area(can) == pytest.approx(2 * np.pi * 0.2 * (0.3 + 0.2), rel=5e-3)
+    cut = drawn(Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.2, length=0.6))
+    assert area(cut) == pytest.approx(np.pi * 0.2 * (0.6 + 0.2), rel=5e-3)  # its upper half
+    wide = drawn(Sphere((90.0, 0.0, 0.5), 90.0))
+    assert area(wide) == pytest.approx(1.0, rel=1e-3)  # almost the plane x = 0
+    places = np.concatenate(wide) - [90.0, 0.0, 0.5]
+    assert np.abs(np.linalg.norm(places, axis=1) - 90.0).max() < 1e-4
+    assert drawn(Sphere((9.0, 0.0, 0.5), 0.3)) == []
+
+
 def lines_of(obstacle: Obstacle, across: int = 0) -> np.ndarray:
     """Places (K×2) of the outlines that the plane view has."""
     axes = Figure().add_subplot()
@@ -89,6 +109,11 @@ def test_the_plane_view_has_what_the_plane_cuts() -> None:
     assert len(lines_of(POST, across=1)) == 0  # the plane x = 0 passes the post by
     tilted = lines_of(Plane(point=(0.0, 3.0, 0.4), normal=(3.0, 0.0, 4.0)))
     np.testing.assert_allclose(tilted @ [0.6, 0.8], 0.32, atol=1e-9)
+    ball = lines_of(Sphere((0.1, 0.03, 0.5), 0.05))
+    np.testing.assert_allclose(np.hypot(ball[:, 0] - 0.1, ball[:, 1] - 0.5), 0.04, atol=2e-4)
+    box = lines_of(Box((0.1, 0.0, 0.5), (0.2, 0.1, 0.3)))
+    sides = np.abs(box - [0.1, 0.5]) / [0.1, 0.15]
+    np.testing.assert_allclose(sides.max(axis=1), 1.0, atol=0.03)  # its corners are cut off
     tube = lines_of(Cylinder(axis=(0.0, 0.0, 1.0), radius=0.08, side="inside"))
     np.testing.assert_allclose(np.abs(tube[:, 0]), 0.08, atol=1e-6)
 

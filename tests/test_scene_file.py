@@ -30,7 +30,7 @@ from softmpc.model.elasticity import PrintedElasticity, StrainElasticity
 from softmpc.model.formulations import NewtonEuler, VirtualPower
 from softmpc.model.kinematics import PaperArc
 from softmpc.model.mass import GaussMass, LumpedMass
-from softmpc.model.obstacles import Cylinder, Plane
+from softmpc.model.obstacles import Box, Cylinder, Plane, Sphere
 from softmpc.model.parameters import Hydraulics, Limits, Manipulator, Section
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import STRAINS, Scene, default_effects
@@ -253,7 +253,16 @@ ODD_ARM = Manipulator(
             effects=(
                 Gravity(),
                 *(kind() for kind in EFFECTS if kind not in (Gravity, Contact)),
-                Contact((Plane((1, 0, 0), (1, 2, 3)), Cylinder(axis=(0.3, 0, 7))), damping=0.2),
+                Contact(
+                    (
+                        Plane((1, 0, 0), (1, 2, 3)),
+                        Cylinder(axis=(0.3, 0, 7)),
+                        Cylinder(length=0.3),
+                        Sphere((0.1, 0, 0.2), 0.07, "inside"),
+                        Box(size=(0.1, 0.2, 0.3), rotation=(0, 30, 0)),
+                    ),
+                    damping=0.2,
+                ),
             ),
         ),
     ],

@@ -42,10 +42,10 @@ class KeepClear(Limit):
     """The whole arm stays at least `margin` (m) away from each obstacle, at the ends of intervals.
 
     `places` spheres a section stand for the arm, evenly spaced in the section's rest length, the
-    last at its end: the default leaves gaps below 1 mm to a sphere of 50 mm radius while a section
-    of the paper's arm is up to 80 % longer than at rest. Each place and obstacle is a row of the
-    problem. `soft` counts in tenths of a metre: 1e-2 lets a millimetre cost ½. The base does not
-    move: leave out what the arm is mounted on.
+    last at its end; with the default a sphere of 50 mm radius is less than 1 mm deep in the paper's
+    arm between them, at all pressures it may have. Each obstacle and place is a row of the problem.
+    `soft` counts in tenths of a metre: with 1e-3 an excess of 0.1 mm costs ½. The base does not
+    move, so leave out what the arm is mounted on.
     """
 
     name: ClassVar[str] = "clearance"

@@ -147,6 +147,7 @@ def _quantity_row(item: "Field[Any]", default: Any) -> tuple[Any, ...]:
     span = (
         f"{'> ' if allowed.low_open else ''}{low:g} to {high:g}" if math.isfinite(high) else "any"
     )
+    span = f"{span}, inf" if allowed.or_inf else span
     return toml_key(item), unit, default, span, source, doc
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from softmpc.model.obstacles import Cylinder, Obstacle, Plane
+from softmpc.model.obstacles import Box, Cylinder, Obstacle, Plane, Sphere
 from softmpc.view.style import GREY
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_cuts", "draw_obstacles", "obstacle_key"]
 
 FILL: dict[str, Any] = {"facecolor": GREY, "alpha": 0.22}
-FEWEST, MOST = 48, 4000  # faces around a cylinder
+FEWEST, MOST = 48, 4000  # faces around a cylinder; a sphere has the fewest
 GRID = 201  # places along each side of the plane view
 
 
@@ -63,23 +64,61 @@ def _depths(obstacle: Obstacle, places: np.ndarray) -> np.ndarray:
 
 
 def _faces(obstacle: Obstacle, middle: np.ndarray, reach: float) -> list[np.ndarray]:
-    """Polygons (corners × 3) that cover an obstacle's surface within `reach` of `middle`."""
+    """Flat polygons (corners × 3) that cover an obstacle's surface within `reach` of `middle`."""
     if isinstance(obstacle, Plane):
         point, normal = np.array(obstacle.point), np.array(obstacle.normal)
         foot = middle - normal * (normal @ (middle - point))
         one, two = _across(normal)
         return [foot + reach * np.array([one + two, one - two, -one - two, two - one])]
     if isinstance(obstacle, Cylinder):
-        point, axis = np.array(obstacle.point), np.array(obstacle.axis)
-        foot = point + axis * (axis @ (middle - point))
-        # Narrow against the picture, also where only a piece of a wide cylinder is in it.
-        count = int(np.clip(120 * obstacle.radius / reach, FEWEST, MOST))
-        angles = np.linspace(0, 2 * np.pi, count + 1)[:, None]
-        one, two = _across(axis)
-        ring = foot + obstacle.radius * (np.cos(angles) * one + np.sin(angles) * two)
-        low, high = ring - reach * axis, ring + reach * axis
-        return [np.array([low[k], low[k + 1], high[k + 1], high[k]]) for k in range(count)]
+        return _cylinder_faces(obstacle, middle, reach)
+    if isinstance(obstacle, Sphere):
+        return _sphere_faces(obstacle, middle, reach)
+    if isinstance(obstacle, Box):
+        return _box_faces(obstacle)
     return []
+
+
+def _cylinder_faces(cylinder: Cylinder, middle: np.ndarray, reach: float) -> list[np.ndarray]:
+    point, axis = np.array(cylinder.point), np.array(cylinder.axis)
+    height = axis @ (middle - point)
+    ends = np.clip([height - reach, height + reach], -cylinder.length / 2, cylinder.length / 2)
+    # Narrow against the picture, also where only a piece of a wide cylinder is in it.
+    count = int(np.clip(120 * cylinder.radius / reach, FEWEST, MOST))
+    angles = np.linspace(0, 2 * np.pi, count + 1)[:, None]
+    one, two = _across(axis)
+    ring = point + cylinder.radius * (np.cos(angles) * one + np.sin(angles) * two)
+    low, high = ring + ends[0] * axis, ring + ends[1] * axis
+    sides = [np.array([low[k], low[k + 1], high[k + 1], high[k]]) for k in range(count)]
+    return sides if np.isinf(cylinder.length) else [*sides, low[:-1], high[:-1]]
+
+
+def _sphere_faces(sphere: Sphere, middle: np.ndarray, reach: float) -> list[np.ndarray]:
+    """Rings around the way from the centre to the picture; only those of a wide sphere in it."""
+    center = np.array(sphere.center)
+    away = float(np.linalg.norm(middle - center))
+    axis = (middle - center) / away if away else np.array([0.0, 0.0, 1.0])
+    widest = np.pi if away <= reach else np.arcsin(reach / away)
+    one, two = _across(axis)
+    turns = np.linspace(0, 2 * np.pi, FEWEST + 1)[None, :, None]
+    angles = np.linspace(0, widest, FEWEST // 2 + 1)[:, None, None]
+    across = np.cos(turns) * one + np.sin(turns) * two
+    rings = center + sphere.radius * (np.cos(angles) * axis + np.sin(angles) * across)
+    return [
+        np.array([near[k], near[k + 1], far[k + 1], far[k]])
+        for near, far in pairwise(rings)
+        for k in range(FEWEST)
+    ]
+
+
+def _box_faces(box: Box) -> list[np.ndarray]:
+    half = box.edges * np.array(box.size) / 2
+    faces = []
+    for i in range(3):
+        one, two = half[:, i - 2], half[:, i - 1]
+        around = np.array([one + two, one - two, -one - two, two - one])
+        faces += [np.array(box.center) + side * half[:, i] + around for side in (-1, 1)]
+    return faces
 
 
 def _across(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
