@@ -90,7 +90,8 @@ def arm_clearance(
 ) -> Callable[[ArrayLike], Closest]:
     """A function of postures q (N×n, or n for one): how close the arm is to each obstacle.
 
-    It looks at `places` spheres a section, as `KeepClear` does.
+    It looks at `places` spheres a section, as `KeepClear` does; with the default the paper's arm
+    is between them less than 0.1 mm nearer to a sphere of 50 mm radius. NaN stays NaN.
     """
     obstacles = _checked(obstacles, "obstacles")
     _check_count(places, "places")
@@ -100,9 +101,10 @@ def arm_clearance(
 
     def closest(postures: ArrayLike) -> Closest:
         given = np.atleast_2d(np.asarray(postures, float))
-        if given.ndim != 2 or given.shape[1] != model.strains:
+        if given.ndim != 2 or given.shape[1] != model.strains or not len(given):
             raise InputError(
-                f"postures of shape {np.shape(postures)}: must be N×{model.strains}, the strains q"
+                f"postures of shape {np.shape(postures)}: must be N×{model.strains}, the strains q "
+                "of one posture or more"
             )
         found = np.asarray(function(given.T)).T.reshape(len(given), len(obstacles), -1)
         at = found.argmin(axis=2)
