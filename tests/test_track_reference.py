@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 from pages import ROOT
+from plans import still_plan, write_plan
 
 from softmpc.control.controller_table import SOFTENED, TERMINALS, ControllerSettings
 from softmpc.control.costs import StrainRate, TipPosition, Torque, TorqueRate
@@ -28,6 +30,7 @@ SHAPES: dict[str, dict[str, Any]] = {
     "point": {"center": [0.1, 0, 0.6]},
     "line": {"start": [0.1, 0, 0.6], "end": [0.1, 0.01, 0.6]},
     "waypoints": {"file": "points.csv"},
+    "plan": {},
 }
 CIRCLE = {"path": "circle", **SHAPES["circle"]}
 
@@ -51,6 +54,7 @@ def known(data: dict[str, Any], table: str, folder: Path) -> set[str]:
 
 def test_paths_have_all_their_keys(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("x,y,z\n0,0,0.6\n0.01,0,0.6\n")
+    write_plan(tmp_path, still_plan())
     assert set(SHAPES) == set(PATHS)
     read = set()
     for name, shape in SHAPES.items():
@@ -93,8 +97,8 @@ def test_defaults_are_those_of_the_reader() -> None:
     for key, value in expected.items():
         shown = page[key][1].strip("`").split(", ")  # a row may hold two keys
         which = ("tolerance", "max_iterations").index(key) if len(shown) > 1 else 0
-        quoted = isinstance(value, str)
-        assert (shown[0] == f'"{value}"') if quoted else (float(shown[which]) == value), key
+        as_text = isinstance(value, str | bool)  # as TOML has it
+        assert shown[0] == json.dumps(value) if as_text else float(shown[which]) == value, key
     track = read_tracking(CIRCLE, ROOT, {})
     assert float(rows("[track]")["settle"][1]) == track.settle
     assert rows("[track.plant]")["method"][1].strip("`") == f'"{Plant().method.name}"'

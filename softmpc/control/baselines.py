@@ -1,6 +1,6 @@
 """Simpler controllers to compare with: what model predictive control has to be better than.
 
-    feed-forward   the inputs that hold the path at rest; it looks at no state
+    feed-forward   the inputs that hold the path at rest, or a plan's; it looks at no state
     LQR            these, and a linear-quadratic regulator about the moving posture
     IPOPT          the same problem as the controller's, solved to convergence in every step
 
@@ -33,15 +33,14 @@ Array = Any
 
 
 class FeedForward:
-    """The inputs that hold the path at rest, at the middle of each step."""
+    """The inputs that hold the path at rest, at the middle of each step; of a plan its own."""
 
     name = "feed-forward"
 
     def __init__(self, ocp: Ocp, guide: Guide) -> None:
-        if guide.rest is None:
-            raise InputError(f"{self.name}: needs a guide with a rest path, see `find_rest_path`")
-        self.ocp, self.guide, self.rest = ocp, guide, guide.rest
+        self.ocp, self.guide = ocp, guide
         self.guard = InputGuard(ocp)
+        self._held(0.0)  # raises where the guide has no input
         self.reset()
 
     def reset(self) -> None:
@@ -61,7 +60,7 @@ class FeedForward:
         return self._held(self._time)
 
     def _held(self, t: float) -> Array:
-        return self.rest.inputs(np.array([t + self.ocp.step / 2]))[0]
+        return np.asarray(self.guide.input(t, self.ocp.step))
 
 
 class Regulated(FeedForward):
@@ -75,6 +74,9 @@ class Regulated(FeedForward):
 
     def __init__(self, ocp: Ocp, guide: Guide) -> None:
         super().__init__(ocp, guide)
+        if guide.rest is None:
+            raise InputError(f"{self.name}: needs a guide with a rest path, see `find_rest_path`")
+        self.rest = guide.rest
         self._at = np.linspace(0, len(self.rest.found) - 1, PLACES, endpoint=False).astype(int)
         self._terminals = [_terminal(ocp, guide, self.rest, k) for k in self._at]
 

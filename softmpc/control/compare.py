@@ -12,8 +12,15 @@ import numpy as np
 
 from softmpc.control.baselines import FeedForward, Regulated, converged
 from softmpc.control.closed_loop import Controller
+from softmpc.control.guide import PlanGuide
 from softmpc.control.track_result import TrackResult
-from softmpc.control.tracking import Setup, read_track_file, ready, set_up
+from softmpc.control.tracking import (
+    Setup,
+    read_track_file,
+    ready,
+    set_up,
+    without_feed_forward,
+)
 from softmpc.errors import errors_in
 from softmpc.interrupts import InterruptLater
 
@@ -32,19 +39,25 @@ COLUMNS = (
 )
 
 BASELINES = ("feed-forward", "LQR", "IPOPT to convergence")
+PLAIN = "without feed-forward"
+OF_PLAN = ("plan's torque alone", PLAIN, "IPOPT to convergence")
 
 Progress = Callable[[int, int], None]
 
 
 def controllers_of(setup: Setup) -> dict[str, Callable[[], Controller]]:
     """Makers of the scene's own controller and of the baselines, by name."""
-    settings, ocp = setup.task.controller, setup.ocp
+    settings, ocp, planned = setup.task.controller, setup.ocp, isinstance(setup.guide, PlanGuide)
+
+    def second() -> Controller:
+        return without_feed_forward(setup) if planned else Regulated(ocp, setup.guide)
+
     baselines: tuple[Callable[[], Controller], ...] = (
         lambda: FeedForward(ocp, setup.guide),
-        lambda: Regulated(ocp, setup.guide),
+        second,
         lambda: converged(ocp, settings.stages),
     )
-    makers = dict(zip(BASELINES, baselines, strict=True))
+    makers = dict(zip(OF_PLAN if planned else BASELINES, baselines, strict=True))
     return {settings.solver: lambda: setup.controller, **makers}
 
 
@@ -73,7 +86,10 @@ def compare_file(
             controller = make()
         if interrupt.asked:
             break
-        results[name] = replace(setup.run(controller, report), title=title, controller=name)
+        result = replace(setup.run(controller, report), title=title, controller=name)
+        if name == PLAIN:  # its costs are others
+            result = replace(result, costs={})
+        results[name] = result
         if results[name].status == "interrupted":
             break
     return results

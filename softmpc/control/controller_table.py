@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from softmpc.control.costs import Cost, StrainRate, TipPosition, Torque, TorqueRate
+from softmpc.control.costs import Cost, StrainRate, TipPosition, Torque, TorqueRate, about_plan
 from softmpc.control.limits import (
     Limit,
     PressureLimit,
@@ -54,6 +54,7 @@ class ControllerSettings:
     tip_box: Bounds = ()
     strains: Bounds = ()
     soft: tuple[str, ...] = SOFTENED
+    feed_forward: bool = True  # of a plan: what it does costs nothing
     back_off: float = 0.0  # share of their range by which limits of pressure and strain are closer
     scene: Scene | None = None
 
@@ -85,10 +86,11 @@ class ControllerSettings:
     def _excess(self, name: str, excess: float) -> float | None:
         return excess if name in self.soft else None
 
-    def problem(self, model: Model) -> Ocp:
-        """The optimal-control problem, without a cost at the end."""
+    def problem(self, model: Model, planned: bool = False) -> Ocp:
+        """The optimal-control problem, without a cost at the end; `planned` along a plan."""
         limits = self.limits(model)
-        return Ocp(model, self.horizon, self.step, self.costs, limits, grid=self.grid)
+        costs = about_plan(self.costs) if planned and self.feed_forward else self.costs
+        return Ocp(model, self.horizon, self.step, costs, limits, grid=self.grid)
 
     def make_solver(self, transcription: Transcription) -> Solver:
         """The solver of that name, with those of its options that it takes."""
@@ -128,6 +130,7 @@ def read_controller(table: Table, scene: Scene | None = None) -> ControllerSetti
         tip_box=_read_bounds(table, "tip_box", AXES, "m"),
         strains=_read_bounds(table, "strains", STRAINS, ""),
         soft=table.strings("soft", SOFTENED, allowed=SOFTENED),
+        feed_forward=table.boolean("feed_forward", True),
         back_off=table.number("back_off", 0.0, low=0.0, high=0.4),
         scene=scene,
     )

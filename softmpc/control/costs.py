@@ -8,7 +8,8 @@ that lasts one step of the controller.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -19,6 +20,7 @@ from softmpc.errors import InputError
 
 __all__ = [
     "Cost", "RestAtEnd", "StrainRate", "TipDirection", "TipPosition", "Torque", "TorqueRate",
+    "about_plan",
 ]  # fmt: skip
 
 
@@ -67,36 +69,72 @@ class TipDirection(Cost):
 
 @dataclass(frozen=True)
 class Torque(Cost):
-    """Effort: input over its scale (full torque); settles what the tip leaves open."""
+    """Effort: input over its scale (full torque); settles what the tip leaves open.
+
+    `about` names a reference (k, SI) that is free of charge: only the difference from it counts.
+    """
 
     name: ClassVar[str] = "torque"
     deviation: float = 3.0
+    about: str = ""
 
     def residual(self, stage: Stage) -> ca.SX:
-        return stage.u / stage.model.layout.u.scale / self.deviation
+        return _off(stage, stage.u, self.about) / stage.model.layout.u.scale / self.deviation
 
 
 @dataclass(frozen=True)
 class TorqueRate(Cost):
-    """Change of the input from one interval to the next, over its scale."""
+    """Change of the input from one interval to the next, over its scale.
+
+    `about` names a reference (k, SI) of a change that is free of charge.
+    """
 
     name: ClassVar[str] = "torque rate"
     of_change: ClassVar[bool] = True
     deviation: float = 0.1
+    about: str = ""
 
     def residual(self, stage: Stage) -> ca.SX:
-        return (stage.u - stage.u_before) / stage.model.layout.u.scale / self.deviation
+        change = _off(stage, stage.u - stage.u_before, self.about)
+        return change / stage.model.layout.u.scale / self.deviation
 
 
 @dataclass(frozen=True)
 class StrainRate(Cost):
-    """Rates of the strains over their scales: damps what the tip does not show."""
+    """Rates of the strains over their scales: damps what the tip does not show.
+
+    `about` names a reference (n, SI) of rates that are free of charge.
+    """
 
     name: ClassVar[str] = "strain rate"
     deviation: float = 0.3
+    about: str = ""
 
     def residual(self, stage: Stage) -> ca.SX:
-        return stage.dq / stage.model.layout.dq.scale / self.deviation
+        return _off(stage, stage.dq, self.about) / stage.model.layout.dq.scale / self.deviation
+
+
+PLANNED_INPUT = "planned input"
+PLANNED: dict[type, str] = {  # names of what a plan makes free of charge
+    Torque: PLANNED_INPUT,
+    TorqueRate: "planned change of input",
+    StrainRate: "planned strain rates",
+}
+
+
+def about_plan(costs: Sequence[Cost]) -> tuple[Cost, ...]:
+    """The same costs with what is planned free of charge: feed-forward."""
+    return tuple(
+        replace(cost, about=PLANNED[type(cost)])
+        if isinstance(cost, Torque | TorqueRate | StrainRate)
+        else cost
+        for cost in costs
+    )
+
+
+def _off(stage: Stage, value: ca.SX, about: str) -> ca.SX:
+    """The difference from a reference of that name; all of the value where there is none."""
+    return value - stage.given(about, value.numel()) if about else value
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from softmpc.control.costs import PLANNED, PLANNED_INPUT, StrainRate, TorqueRate
 from softmpc.control.paths import Reference
+from softmpc.control.planned import PlannedMotion, columns_at
 from softmpc.control.rest_path import RestPath
+from softmpc.control.state_map import StateMap
+from softmpc.errors import InputError
+from softmpc.model.model import Model
 
-__all__ = ["Guide"]
+__all__ = ["Guide", "PlanGuide"]
 
 Array = Any
 
@@ -46,6 +52,20 @@ class Guide:
             return self.rest.position(t)
         return self.path.position(t)
 
+    def input(self, t: float, step: float) -> Array:
+        """The input (k) of feed-forward alone, for a step (s) from time t on."""
+        if self.rest is None:
+            raise InputError("feed-forward: needs a guide with a rest path, see `find_rest_path`")
+        return self.rest.inputs(np.array([t + step / 2]))[0]
+
+    def holding(self, t: float) -> Array:
+        """The input (k) that holds the arm at rest where the reference is at time t."""
+        return self.given(np.array([t]))["rest input"][0]
+
+    def seen_by(self, model: Model) -> Guide:
+        """The same, with states for costs of another model of the arm."""
+        return self
+
     def given(self, t: Array) -> dict[str, Array]:
         """What a controller gets at the times of its nodes (N)."""
         found = {"tip": self.followed(t)}
@@ -61,3 +81,47 @@ class Guide:
                 for states in (x, moving)
             )
         return found | {"rest": x, "moving": moving, "rest input": u}
+
+
+@dataclass(frozen=True, eq=False)
+class PlanGuide(Guide):
+    """Along a planned motion; "rest" is the state that is planned, "rest input" its input.
+
+    Inputs are means over the intervals before the times, of which the first is a `step` (s) long.
+    `planner` is the model of the plan's states, `model` the one that gets them.
+    """
+
+    motion: PlannedMotion = field(kw_only=True)
+    step: float = field(kw_only=True)
+    planner: Model = field(kw_only=True)
+    model: Model = field(kw_only=True)
+
+    def input(self, t: float, step: float) -> Array:
+        return self.motion.mean_input(np.array([t]), np.array([t + step]))[0]
+
+    def holding(self, t: float) -> Array:
+        """Of the pressures that are planned then."""
+        pressures = self.motion.pressures(np.array([t]))[0]
+        return np.linalg.solve(self.planner.drive.static_gain, pressures)
+
+    def seen_by(self, model: Model) -> PlanGuide:
+        return self if model is self.model else replace(self, model=model)
+
+    def given(self, t: Array) -> dict[str, Array]:
+        edges = np.concatenate([t[0] - self.step * np.array([2.0, 1.0]), t])
+        inputs = self.motion.mean_input(edges[:-1], edges[1:])
+        n, x = self.model.strains, columns_at(t, self.motion.samples_t, self._states)
+        x[t > self.motion.duration, n : 2 * n] = 0.0
+        planned = {
+            PLANNED_INPUT: inputs[1:],
+            PLANNED[TorqueRate]: np.diff(inputs, axis=0),
+            PLANNED[StrainRate]: x[:, n : 2 * n],
+        }
+        return {"tip": self.followed(t), "rest": x, "rest input": inputs[1:], **planned}
+
+    @cached_property
+    def _states(self) -> Array:
+        """The planned states (M×nx) as states of the model that gets them."""
+        to_state, motion = StateMap(self.planner, self.model), self.motion
+        acting = motion.u[np.searchsorted(motion.t[1:-1], motion.samples_t, side="right")]
+        return motion.samples_x @ to_state.A.T + acting @ to_state.B.T

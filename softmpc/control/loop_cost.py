@@ -24,7 +24,7 @@ def loop_costs(ocp: Ocp, plant: Model, guide: Guide, x: np.ndarray, run: Any) ->
     costs = tuple(cost for cost in ocp.costs if not cost.at_end)
     if not costs or not len(x):
         return {}
-    given = guide.given(run.control_time + ocp.step)
+    given = guide.seen_by(plant).given(run.control_time + ocp.step)
     layout = plant.layout
     before = np.vstack([run.u_start, run.u[:-1]]) / layout.u.scale
     inputs, states = run.u / layout.u.scale, x / layout.x.scale

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from softmpc.control.costs import PLANNED_INPUT
 from softmpc.control.input_guard import InputGuard
 from softmpc.control.ipopt import Ipopt
 from softmpc.control.one_thread import one_thread
@@ -175,15 +176,20 @@ class Mpc:
         return True, ""
 
     def _guess(self, x: Array, asked: _Asked) -> tuple[Array, Solution | None]:
-        """Where to start: the last good plan, shifted; the arm at rest where there is none."""
+        """Where to start: the last good plan, shifted; else the arm at rest, or as planned."""
         plan, moment = self._plan, self._moment(x, asked)
         if plan is None or self._starts_afresh:
             self._reset_solver()
-            resting = self.transcription.resting(x, self.guard.inside(asked.u_before))
+            resting = self.transcription.resting(x, self._first_inputs(asked))
             return self._simulated(moment, resting), None
         if asked.prepared or plan.solution.violation <= CONSISTENT:
             return plan.shifted, plan.multipliers
         return self._consistent(plan, moment), None
+
+    def _first_inputs(self, asked: _Asked) -> Array:
+        """Planned inputs (N×k) where the problem is told of some, else the one until now (k)."""
+        planned = asked.given[:, self.transcription.columns_of(PLANNED_INPUT)]
+        return self.guard.inside(planned if planned.size else asked.u_before)
 
     def _consistent(self, plan: Plan, moment: Moment) -> Array:
         """The plan from this step on; simulated anew where it breaks the arm's equations."""

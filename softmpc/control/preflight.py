@@ -6,6 +6,8 @@
     bandwidth    the controller would be off by more than its costs allow
     … at speed   torque, or its rate, beyond the limits where the path runs at full speed
     controller   a place that the controller's own model, where it is another one, cannot hold
+    planned …    torque, or its rate, of a plan beyond the limits; nothing else of a plan is checked
+    start        a place where a plan begins at rest and the plant cannot
 
 What is at full speed is an estimate, see `AtSpeed`.
 """
@@ -33,10 +35,13 @@ from softmpc.control.rest_path import (
     lap_of,
 )
 from softmpc.errors import InputError
+from softmpc.model.model import Model
 from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.reach import FAR, too_far
 
-__all__ = ["Finding", "Preflight", "check_reach", "find_preflight"]
+__all__ = [
+    "Finding", "Preflight", "beyond", "check_reach", "find_preflight", "input_unit", "stretches",
+]  # fmt: skip
 
 SAMPLE = 5e-3  # s
 OTHER_NODES = 32  # of the lap, for the controller's own model
@@ -76,6 +81,9 @@ class Finding:
             "torque at speed": "torque at full speed above what is allowed",
             "torque rate at speed": "torque at full speed changes faster than allowed",
             "controller": "out of reach of the controller's own model",
+            "planned torque": "torque of the plan beyond what is allowed",
+            "planned torque rate": "torque of the plan changes faster than allowed",
+            "start": "the plant cannot rest where the plan begins, it is off",
         }[self.kind]
         note = f" ({self.note})" if self.note else ""
         when = f"t = {self.start:.2f} to {self.end:.2f} s"
@@ -87,7 +95,7 @@ class Finding:
 class Preflight:
     """What is known of a path before the run."""
 
-    rest: RestPath
+    rest: RestPath | None  # of a plan there is none
     findings: tuple[Finding, ...]
     facts: dict[str, float]  # numbers of arm and path, see `find_preflight`
 
@@ -103,6 +111,8 @@ class Preflight:
     @cached_property
     def jumps(self) -> Array:
         """Times (s) at which the nearest posture jumps."""
+        if self.rest is None:
+            return np.zeros(0)
         return self.rest.jump_times(_times(self.rest.reference))
 
 
@@ -173,29 +183,29 @@ def _reach(rest: RestPath) -> list[Finding]:
         active = rest.found[node].active
         return f"held back by {', '.join(active)}" if active else ""
 
-    return _stretches("reach", rest, t, 1e3 * far, 1e3 * IN_REACH, "mm", held_back)
+    return stretches("reach", rest.reference, t, 1e3 * far, 1e3 * IN_REACH, "mm", held_back)
 
 
 def _torque(rest: RestPath, limits: Sequence[Limit]) -> list[Finding]:
-    t, unit = _times(rest.reference), _unit(rest)
+    t, unit = _times(rest.reference), input_unit(rest.model)
     u, over = rest.inputs(t), np.zeros(len(t))
     for limit in limits:
         if isinstance(limit, TorqueLimit):
             over = np.maximum(over, np.maximum(u - limit.high, limit.low - u).max(axis=1))
     scale = float(rest.model.layout.u.scale.max())
-    return _stretches("torque", rest, t, over, SLACK * scale, unit)
+    return stretches("torque", rest.reference, t, over, SLACK * scale, unit)
 
 
 def _rate(rest: RestPath, limits: Sequence[Limit], step: float) -> list[Finding]:
     """Away from jumps, where the inputs at rest have no rate."""
-    t, unit = _times(rest.reference), _unit(rest)
+    t, unit = _times(rest.reference), input_unit(rest.model)
     rate, over = _rates(rest, t), np.zeros(len(t))
     for limit in limits:
         if isinstance(limit, TorqueRateLimit):
             over = np.maximum(over, (rate - limit.high / step).max(axis=1))
             over = np.maximum(over, (limit.low / step - rate).max(axis=1))
     scale = float(rest.model.layout.u.scale.max())
-    return _stretches("torque rate", rest, t, over, SLACK * scale / step, f"{unit}/s")
+    return stretches("torque rate", rest.reference, t, over, SLACK * scale / step, f"{unit}/s")
 
 
 def _rates(rest: RestPath, t: Array) -> Array:
@@ -206,8 +216,9 @@ def _rates(rest: RestPath, t: Array) -> Array:
     return np.where(jumps[:, None], 0.0, rate)
 
 
-def _unit(rest: RestPath) -> str:
-    return "N·m" if rest.model.scene.actuation.input == "torque" else "Pa"
+def input_unit(model: Model) -> str:
+    """The unit of a model's inputs."""
+    return "N·m" if model.scene.actuation.input == "torque" else "Pa"
 
 
 def _out_of_model(inverse: InverseStatics, rest: RestPath) -> list[Finding]:
@@ -217,12 +228,12 @@ def _out_of_model(inverse: InverseStatics, rest: RestPath) -> list[Finding]:
     t = _times(rest.reference)
     phase = rest.lap.within(rest.reference.law.phase(t))
     excess = 1e3 * np.interp(phase, rest.lap.phase[some], far)
-    return _stretches("controller", rest, t, excess, 1e3 * OTHER_REACH, "mm")
+    return stretches("controller", rest.reference, t, excess, 1e3 * OTHER_REACH, "mm")
 
 
-def _stretches(
+def stretches(
     kind: str,
-    rest: RestPath,
+    reference: Reference,
     t: Array,
     excess: Array,
     allowed: float,
@@ -235,7 +246,7 @@ def _stretches(
     findings = []
     for a, b in zip(starts, ends, strict=True):
         worst = a + int(np.argmax(excess[a:b]))
-        place = rest.reference.position(t[worst : worst + 1])[0]
+        place = reference.position(t[worst : worst + 1])[0]
         said = note(worst) if callable(note) else ""
         findings.append(
             Finding(kind, t[a], t[b - 1], tuple(place.tolist()), float(excess[worst]), unit, said)
@@ -248,31 +259,32 @@ def _stretches(
 
 def _at_speed(fast: AtSpeed, rest: RestPath, ocp: Ocp) -> list[Finding]:
     """Where it is too fast for the controller's costs, and beyond which limits."""
-    unit, scale = _unit(rest), float(rest.model.layout.u.scale.max())
+    unit, scale = input_unit(rest.model), float(rest.model.layout.u.scale.max())
     over, faster = np.zeros(len(fast.phase)), np.zeros(len(fast.phase))
     for limit in ocp.limits:
         if isinstance(limit, TorqueLimit):
-            over = np.maximum(over, _beyond(fast.u, limit.low, limit.high))
+            over = np.maximum(over, beyond(fast.u, limit.low, limit.high))
         elif isinstance(limit, TorqueRateLimit):
             bounds = limit.low / ocp.step, limit.high / ocp.step
-            faster = np.maximum(faster, _beyond(fast.rate, *bounds))
+            faster = np.maximum(faster, beyond(fast.rate, *bounds))
     allowed = min(cost.deviation for cost in ocp.costs if isinstance(cost, TipPosition))
     law, t = rest.reference.law, _times(rest.reference)
+    over_all = rest.reference, t
 
     def over_time(excess: Array) -> Array:
         at, ring = np.append(fast.phase, 1.0), np.append(excess, excess[0])
         return np.where(t < law.smooth_start, 0.0, np.interp(law.phase(t) % 1.0, at, ring))
 
     return [
-        *_stretches("bandwidth", rest, t, over_time(1e3 * fast.off), 1e3 * allowed, "mm"),
-        *_stretches("torque at speed", rest, t, over_time(over), SHARED * scale, unit),
-        *_stretches(
-            "torque rate at speed", rest, t, over_time(faster), SHARED * scale, f"{unit}/s"
+        *stretches("bandwidth", *over_all, over_time(1e3 * fast.off), 1e3 * allowed, "mm"),
+        *stretches("torque at speed", *over_all, over_time(over), SHARED * scale, unit),
+        *stretches(
+            "torque rate at speed", *over_all, over_time(faster), SHARED * scale, f"{unit}/s"
         ),
     ]
 
 
-def _beyond(values: Array, low: float, high: float) -> Array:
+def beyond(values: Array, low: float, high: float) -> Array:
     """How far the worst of each row (N×k) is outside (N)."""
     return np.asarray(np.maximum(np.maximum(values - high, low - values).max(axis=1), 0.0))
 

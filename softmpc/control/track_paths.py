@@ -16,17 +16,23 @@ from softmpc.control.paths import (
     TipPath,
     read_waypoints,
 )
+from softmpc.control.planned import planned_reference, read_planned
+from softmpc.errors import SceneError
 from softmpc.model.tables import Table
 
 __all__ = ["read_reference"]
 
-PATHS = ("circle", "figure-eight", "helix", "line", "point", "waypoints")
+PATHS = ("circle", "figure-eight", "helix", "line", "point", "waypoints", "plan")
+LAPS = ("lap_time", "laps", "smooth_start")
 DOWN = (0.0, 0.0, 1.0)
 
 
 def read_reference(table: Table, folder: Path) -> Reference:
     """Path and time law; files that the table names are looked for in `folder`."""
-    path = _read_path(table, folder)
+    kind = table.string("path", allowed=PATHS, doc="the kind of path")
+    if kind == "plan":
+        return _read_plan(table, folder)
+    path = _read_path(kind, table, folder)
     law = TimeLaw(
         table.number("lap_time", 4.0, unit="s", low=0.05, high=3600.0),
         table.number("laps", 2.0, low=0.01, high=1e4),
@@ -35,8 +41,18 @@ def read_reference(table: Table, folder: Path) -> Reference:
     return Reference(path, law)
 
 
-def _read_path(table: Table, folder: Path) -> TipPath:
-    kind = table.string("path", allowed=PATHS, doc="the kind of path")
+def _read_plan(table: Table, folder: Path) -> Reference:
+    for key in LAPS:
+        if key in table:
+            raise SceneError(
+                f"{table.where} {key}: a plan has its own times and is run once; leave it out"
+            )
+    file = table.string("file", "plan.npz")
+    hold = table.number("hold", 1.0, unit="s", low=0.0, high=3600.0)
+    return planned_reference(read_planned(folder / file), hold)
+
+
+def _read_path(kind: str, table: Table, folder: Path) -> TipPath:
     if kind == "waypoints":
         file = table.string("file", doc="a CSV file with columns x, y, z in m")
         return read_waypoints(folder / file, table.boolean("closed", False))

@@ -9,6 +9,7 @@ from typing import Any
 
 from softmpc.control.controller_table import ControllerSettings, read_controller
 from softmpc.control.paths import Reference
+from softmpc.control.planned import motion_of
 from softmpc.control.track_paths import read_reference
 from softmpc.errors import SceneError, errors_in
 from softmpc.model.model import Model
@@ -56,7 +57,8 @@ def read_tracking(
     """
     table = Table(data, "[track]")
     reference = read_reference(table, folder)
-    settle = table.number("settle", 1.0, unit="s", low=0.0, high=3600.0)
+    planned = motion_of(reference) is not None
+    settle = table.number("settle", 0.0 if planned else 1.0, unit="s", low=0.0, high=3600.0)
     if settle >= reference.duration:
         raise SceneError(
             f"[track] settle = {settle:g} s: must be below the duration of the run, "
@@ -72,6 +74,11 @@ def read_tracking(
         own = {name: part for name, part in document.items() if name in TABLES}
     settings = read_controller(controller, _other_scene(controller, own, folder))
     controller.finish()
+    if "feed_forward" in controller and not planned:
+        raise SceneError(
+            "[track.controller] feed_forward: only a plan has torques to feed forward; leave it "
+            'out, or set path = "plan" in [track]'
+        )
     method = _read_method(plant)
     scene = _other_scene(plant, own, folder)
     plant.finish()

@@ -12,10 +12,12 @@ import numpy as np
 
 from softmpc.control.closed_loop import Controller, Start, close_loop, start_at
 from softmpc.control.controller_table import ControllerSettings
-from softmpc.control.guide import Guide
+from softmpc.control.guide import Guide, PlanGuide
 from softmpc.control.mpc import Mpc
 from softmpc.control.ocp import Ocp
 from softmpc.control.paths import Reference
+from softmpc.control.planned import PlannedMotion, motion_of
+from softmpc.control.planned_start import check_plan, start_of
 from softmpc.control.preflight import Finding, Preflight, check_reach, find_preflight
 from softmpc.control.rest_path import RestPath, part_of
 from softmpc.control.state_map import StateMap
@@ -35,7 +37,7 @@ from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 
 __all__ = ["Setup", "Tracking", "read_tracking", "read_track_file", "ready", "set_up", "track",
-           "track_file"]  # fmt: skip
+           "track_file", "without_feed_forward"]  # fmt: skip
 
 CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
@@ -52,6 +54,9 @@ ADVICE = {
     "torque at speed": STRONGER,
     "torque rate at speed": FASTER,
     "controller": "give the controller's scene what it lacks for this path, such as strains",
+    "planned torque": "allow as much as the plan was made with, or plan within these limits",
+    "planned torque rate": "raise torque_rate in [track.controller], or plan within it",
+    "start": "plan from a place that the plant can hold",
 }
 
 Progress = Callable[[int, int], None]
@@ -171,15 +176,17 @@ def set_up(
     `disturbance` makes, of the controller's scene, what its problem is told of in each step.
     """
     plant_scene = scene if task.plant.scene is None else task.plant.scene
-    plant = build(plant_scene)
+    plant, motion = build(plant_scene), motion_of(task.reference)
     inverse = InverseStatics(plant, starts=STARTS)
     settings = task.controller
     with errors_in("[track.controller]"):
-        model = _controller_model(plant, scene if settings.scene is None else settings.scene)
-        ocp = settings.problem(model)
+        model = _model_of(scene if settings.scene is None else settings.scene, plant)
+        ocp = settings.problem(model, motion is not None)
         if disturbance is not None:
             ocp = replace(ocp, disturbance=disturbance(model.scene))
         to_state = StateMap(plant, model)
+    if motion is not None:
+        return _set_up_plan(task, motion, _model_of(scene, plant, model), plant, ocp)
     with errors_in("[track]"):
         far = check_reach(inverse, task.reference, task.on_infeasible == "project")
     if far is not None:
@@ -189,6 +196,7 @@ def set_up(
     if task.on_infeasible == "stop":
         _stop_where_infeasible(preflight.findings)
     rest = preflight.rest
+    assert rest is not None
     if not rest.found[0].stable:
         raise SceneError("[track]: no stable posture holds the tip at the start of the path")
     guide = Guide(
@@ -210,8 +218,43 @@ def set_up(
     )
 
 
-def _controller_model(plant: Model, scene: Scene) -> Model:
-    return plant if scene == plant.scene else build(scene)
+def _set_up_plan(
+    task: Tracking, motion: PlannedMotion, planner: Model, plant: Model, ocp: Ocp
+) -> Setup:
+    """The same along a plan, whose states are those of the model `planner`."""
+    with errors_in("[track] plan"):
+        motion.check_fits(planner)
+        start, findings = start_of(motion, planner, plant, task.reference)
+    findings += check_plan(motion, task.reference, ocp)
+    if task.on_infeasible == "stop":
+        _stop_where_infeasible(findings)
+    guide = PlanGuide(
+        task.reference, motion=motion, step=ocp.step, planner=planner, model=ocp.model
+    )
+    with errors_in("[track.controller]"):
+        mpc = _mpc(ocp, task.controller, _pressures_at_end(task.controller, motion))
+    preflight = Preflight(None, tuple(findings), {"largest_input": float(motion.u.max())})
+    return Setup(task, task.plant.integrator(plant), preflight, guide, mpc, start, None)
+
+
+def _pressures_at_end(settings: ControllerSettings, motion: PlannedMotion) -> np.ndarray | None:
+    return motion.samples_p[-1] if settings.terminal == "rest" else None
+
+
+def without_feed_forward(setup: Setup) -> Mpc:
+    """The controller of a plan that is told of its tip alone."""
+    settings, motion = (
+        replace(setup.task.controller, feed_forward=False),
+        motion_of(setup.guide.path),
+    )
+    assert motion is not None
+    ocp = replace(setup.ocp, costs=settings.costs)
+    return _mpc(ocp, settings, _pressures_at_end(settings, motion))
+
+
+def _model_of(scene: Scene, *known: Model) -> Model:
+    """The model of a scene, one of those that are there if it is of that scene."""
+    return next((model for model in known if model.scene == scene), None) or build(scene)
 
 
 def make_mpc(ocp: Ocp, settings: ControllerSettings, rest: RestPath, project: bool) -> Mpc:
@@ -221,8 +264,13 @@ def make_mpc(ocp: Ocp, settings: ControllerSettings, rest: RestPath, project: bo
     leads the whole posture.
     """
     jumps = project and len(rest.transits) > 0
-    if settings.terminal == "rest" or (settings.terminal == "auto" and jumps):
-        pressures = rest.middle.pressures
+    led = settings.terminal == "rest" or (settings.terminal == "auto" and jumps)
+    return _mpc(ocp, settings, rest.middle.pressures if led else None)
+
+
+def _mpc(ocp: Ocp, settings: ControllerSettings, pressures: np.ndarray | None) -> Mpc:
+    """The controller; with pressures (m) it has the cost at the end of coming to rest near them."""
+    if pressures is not None:
         start = start_at(ocp.model, find_equilibrium(ocp.model, pressures))
         ocp = terminal_cost(ocp, start.x, start.u, settings.stages).problem
     transcription = Transcription(ocp, settings.stages)

@@ -99,9 +99,13 @@ class Transcription:
     @cached_property
     def disturbance_columns(self) -> slice:
         """Where the references hold the disturbance; an empty slice without one."""
+        return self.columns_of(DISTURBANCE)
+
+    def columns_of(self, reference: str) -> slice:
+        """Where the references (N×nr) hold that one; an empty slice without it."""
         first = 0
         for name, size in self.objective.references.items():
-            if name == DISTURBANCE:
+            if name == reference:
                 return slice(first, first + size)
             first += size
         return slice(0, 0)
@@ -118,9 +122,10 @@ class Transcription:
         return u[:, : self.inputs], a, x
 
     def resting(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """A first guess: the arm stays where it is."""
-        row = np.concatenate([self.decisions(u), np.zeros(self.na), x / self.x_scale])
-        return np.tile(row, self.N)
+        """A first guess: the arm stays where it is, under inputs u (k, or N×k)."""
+        still = np.zeros(self.na), x / self.x_scale
+        inputs = np.broadcast_to(u, (self.N, self.inputs))
+        return np.concatenate([part for one in inputs for part in (self.decisions(one), *still)])
 
     def shifted(self, vector: np.ndarray, width: int) -> np.ndarray:
         """A stage-wise vector one step later; what was last is repeated.

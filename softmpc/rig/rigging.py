@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from softmpc.control.closed_loop import loop_result
+from softmpc.control.guide import PlanGuide
 from softmpc.control.loop_cost import loop_costs
+from softmpc.control.planned_start import is_at_rest
 from softmpc.control.state_map import StateMap
 from softmpc.control.track_result import TrackResult
 from softmpc.control.tracking import Setup, Tracking, read_track_file, ready, set_up
@@ -95,6 +97,8 @@ def rig_up(
             "number of milliseconds"
         )
     setup = set_up(scene, task, settings.disturbance, progress)
+    if settings.wait and isinstance(setup.guide, PlanGuide):
+        _check_rests(setup, settings.wait)
     mpc, disturbance = setup.controller, setup.ocp.disturbance
     seen = StateMap(setup.plant.model, setup.ocp.model)
     assert disturbance is not None
@@ -108,6 +112,14 @@ def rig_up(
     supervisor = Supervisor(settings.supervision)
     pilot = Pilot(mpc, estimator, supervisor, setup.guide, settings.link.ticks)
     return Rig(setup, settings, machine, pilot, seen)
+
+
+def _check_rests(setup: Setup, wait: float) -> None:
+    """Raise where a plan begins in motion, so that the rig cannot wait for it."""
+    if not is_at_rest(setup.plant.model, setup.start.x, setup.start.u):
+        raise SceneError(
+            f"[rig] wait = {wait:g} s: the arm cannot wait, the plan begins in motion; set wait = 0"
+        )
 
 
 def _plants(setup: Setup, task: Tracking, settings: RigSettings) -> Mapping[str, Integrator]:
