@@ -18,6 +18,7 @@ from softmpc.errors import InputError
 from softmpc.model.model import sparse_times
 
 __all__ = [
+    "CurvatureLimit",
     "Limit",
     "PressureLimit",
     "Rows",
@@ -27,6 +28,8 @@ __all__ = [
     "TorqueLimit",
     "TorqueRateLimit",
 ]
+
+ROUNDED = 1e-4  # of a curvature's limit
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,25 @@ class StrainLimit(Limit):
             raise InputError(f"StrainLimit(kind={self.kind!r}): no such strain in this scene")
         names, units = (tuple(of[i] for i in chosen) for of in (q.names, q.units))
         return self._rows(stage.q[chosen], q.scale[chosen], names, units)
+
+
+@dataclass(frozen=True)
+class CurvatureLimit(Limit):
+    """Curvature of each segment at the end of each interval, 1/m; `low` is below zero."""
+
+    name: ClassVar[str] = "curvature"
+
+    def rows(self, stage: Stage) -> Rows:
+        q = stage.model.layout.q
+        bends: dict[str, list[int]] = {}  # by the end of the name, that of a segment
+        for i, name in enumerate(q.names):
+            if name.startswith(("kappa_x_", "kappa_y_")):
+                bends.setdefault(name[len("kappa_x_") :], []).append(i)
+        scale = np.array([q.scale[which[0]] for which in bends.values()])
+        rounded = (ROUNDED * self.high) ** 2  # where the arm is straight
+        value = [ca.sqrt(ca.sumsqr(stage.q[which]) + rounded) for which in bends.values()]
+        names = tuple(f"curvature of segment {end}" for end in bends)
+        return self._rows(ca.vertcat(*value), scale, names, ("1/m",) * len(names))
 
 
 @dataclass(frozen=True)

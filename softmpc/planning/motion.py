@@ -1,0 +1,71 @@
+"""A motion on its way to a plan: held inputs, states that follow from them, and durations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softmpc.control.dynamics import Dynamics, Steps
+from softmpc.control.trajectory import Moment, Trajectory
+from softmpc.planning.mesh import Mesh
+
+__all__ = ["Motion", "Roller"]
+
+TOLERANCE = 1e-9  # of scaled defects
+MOST = 8  # Newton iterations
+HOPELESS = 1e6  # of a scaled defect
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Inputs, stage accelerations and states (scaled), durations of the phases (s), and the steps
+    around it; it breaks the model's equations by no more than rounding."""
+
+    at: Trajectory
+    durations: Array
+    steps: Steps
+
+    @property
+    def time(self) -> float:
+        """Of the whole, s."""
+        return float(self.durations.sum())
+
+
+class Roller:
+    """Makes motions on one mesh: Newton's method on all intervals at once."""
+
+    def __init__(self, mesh: Mesh, moment: Moment, mode: str = "auto") -> None:
+        self.mesh, self.moment = mesh, moment
+        self.dynamics = Dynamics(mesh.t, mode)
+
+    def __call__(self, guess: Trajectory, durations: Array) -> Motion | None:
+        """The motion under the guess's inputs; None where Newton's method finds none."""
+        self.dynamics.use(self.mesh.phases.lengths(durations))
+        at, still = guess, (np.zeros_like(self.moment.x), np.zeros_like(guess.u))
+        for _ in range(MOST):
+            try:
+                steps = self.dynamics(self.moment, at, by_length=True)
+            except np.linalg.LinAlgError:
+                return None
+            worst = float(np.abs(steps.defects).max())
+            if worst <= TOLERANCE:
+                return Motion(at, durations, steps)
+            if not worst < HOPELESS:
+                return None
+            dx = steps.free(still[0])
+            at = Trajectory(at.u, at.a + steps.stages(still[0], dx, still[1]), at.x + dx)
+        return None
+
+    def moved(self, motion: Motion, v: Array) -> Motion | None:
+        """The motion after the moves v of a quadratic program around `motion`."""
+        du, dx, longer = self.mesh.split(v)
+        steps, phases = motion.steps, self.mesh.phases
+        lengths = longer[phases.of_interval] * phases.share
+        da = steps.stages(np.zeros_like(self.moment.x), dx, du)
+        if steps.by_h is not None:
+            da = da - steps.by_h * lengths[:, None]
+        step = Trajectory(du, da, dx)
+        return self(motion.at.moved(step, 1.0), motion.durations + longer)

@@ -1,0 +1,212 @@
+"""Plans: several starts on a coarse mesh, the best one refined until a replay agrees with it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from softmpc.control.clearance import arm_clearance
+from softmpc.errors import InputError
+from softmpc.interrupts import InterruptLater
+from softmpc.model.obstacles import obstacle_names
+from softmpc.planning.attempt import Attempt, Found
+from softmpc.planning.giving_way import gives_way, held_by
+from softmpc.planning.guesses import find_guesses
+from softmpc.planning.problem import PlanProblem
+from softmpc.planning.replay import Replay, Replayer
+from softmpc.planning.result import (
+    FAILED,
+    INFEASIBLE,
+    INTERRUPTED,
+    NOT_LEAST,
+    NOT_VERIFIED,
+    SOLVED,
+    Level,
+    PlanResult,
+    StartReport,
+)
+from softmpc.planning.starts import FirstMesh, Portable, ranked
+from softmpc.sweeps import sweep
+
+__all__ = ["PlanSettings", "plan"]
+
+COARSE, FINEST = 24, 384  # intervals a phase to begin with, and of all at most
+ROOM = 1e-4  # m, of clearance beside what a motion lacked between nodes
+LACKING = 2e-4  # m, of clearance that counts as kept
+ROUNDS = 8
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """How good a plan must be.
+
+    `tolerance` (m): of section tips, between plan and replay; `change`: of the cost when the mesh
+    is made twice as fine, relative; `intervals` of each phase to begin with, `most_intervals` of
+    all phases together.
+    """
+
+    tolerance: float = 5e-4
+    change: float = 0.01
+    intervals: int = COARSE
+    most_intervals: int = FINEST
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "change"):
+            value = getattr(self, name)
+            if not 0 < value < np.inf:
+                raise InputError(f"PlanSettings.{name} = {value!r}: must be a number above 0")
+        for name in ("intervals", "most_intervals"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 2:
+                raise InputError(f"PlanSettings.{name} = {value!r}: must be a whole number from 2")
+
+
+def plan(
+    problem: PlanProblem,
+    settings: PlanSettings | None = None,
+    *,
+    executor: Executor | int | None = None,
+    progress: Progress | None = None,
+) -> PlanResult:
+    """The least motion that does what the problem asks, or the nearest there is.
+
+    Starts run on `executor`, see `softmpc.sweeps.sweep`. `progress(done, total)` counts starts and
+    then rounds of refinement. Raises `InputError` for a problem that makes no sense; whatever else
+    goes wrong is told by the status of the result. Ctrl-C ends it with the best motion until then.
+    """
+    settings = settings or PlanSettings()
+    _check_start(problem)
+    with InterruptLater(shared=True) as interrupt:
+        planner = _Planner(problem, settings, progress or _nobody, lambda: interrupt.asked)
+        return planner.run(executor)
+
+
+def _nobody(done: int, total: int) -> None:
+    """Progress that nobody wants to see."""
+
+
+def _check_start(problem: PlanProblem) -> None:
+    """Raise `InputError` where the arm begins inside of an obstacle."""
+    if not problem.obstacles:
+        return
+    n = problem.model.strains
+    closest = arm_clearance(problem.model, problem.obstacles)(problem.start.x[:n])
+    names = obstacle_names(problem.obstacles)
+    for name, room, section in zip(names, closest.clearance[0], closest.section[0], strict=True):
+        if room < 0:
+            raise InputError(
+                f"the arm begins {-1e3 * room:.3g} mm inside of {name} with section {section}: "
+                "start elsewhere, or move the obstacle"
+            )
+
+
+class _Planner:
+    """One call of `plan`."""
+
+    def __init__(
+        self,
+        problem: PlanProblem,
+        settings: PlanSettings,
+        progress: Progress,
+        asked: Callable[[], bool],
+    ) -> None:
+        self.problem, self.settings = problem, settings
+        self.progress, self.asked = progress, asked
+        self.began = time.perf_counter()
+        self.levels: list[Level] = []
+        self.more: dict[str, float] = {}
+        self.total = 0
+
+    def run(self, executor: Executor | int | None) -> PlanResult:
+        guesses = find_guesses(self.problem)
+        self.total = len(guesses) + ROUNDS
+        alone = len(guesses) == 1
+        work = FirstMesh(Portable.of(self.problem), self.settings.intervals)
+        records = sweep(
+            work, guesses, executor=1 if alone else executor, chunk=1, progress=self._told
+        )
+        reports, best = ranked(guesses, records)
+        if best is None:
+            return PlanResult(self.problem, FAILED, reports, seconds=self._since())
+        return self._refined(best, reports)
+
+    def _told(self, done: float, total: float) -> None:
+        self.progress(int(done), self.total)
+
+    def _since(self) -> float:
+        return time.perf_counter() - self.began
+
+    def _refined(self, found: Found, reports: tuple[StartReport, ...]) -> PlanResult:
+        """Finer meshes, and more room for obstacles, until the replay agrees."""
+        replayer, error = Replayer(self.problem), float("nan")
+        attempt: Attempt | None = None
+        seconds, status = 0.0, ""
+        while not status:
+            replay = replayer(found.t, found.u, found.x, found.u[-1], found.ends.tolist())
+            self._note(found, replay, seconds)
+            counts, status = self._next(found, replay, error)
+            if status:
+                break
+            began = time.perf_counter()
+            attempt = Attempt(self.problem, counts, self.more)
+            motion = attempt.from_plan(found)
+            if motion is None:
+                status = NOT_VERIFIED
+                break
+            better = attempt.improve(motion, lambda _: self.asked())
+            error = abs(better.cost - found.cost) if counts != found.counts else error
+            found, seconds = better, time.perf_counter() - began
+        attempt = attempt or self._again(found)
+        wrong = status == INFEASIBLE
+        return PlanResult(
+            self.problem, status, reports, found, replay, tuple(self.levels), error,
+            gives_way=gives_way(attempt, attempt.solved) if wrong else (),
+            held_by=held_by(attempt, attempt.solved), seconds=self._since(),
+        )  # fmt: skip
+
+    def _again(self, found: Found) -> Attempt:
+        """The attempt behind a motion that came from another process."""
+        attempt = Attempt(self.problem, found.counts)
+        motion = attempt.from_plan(found)
+        if motion is not None:
+            attempt.improve(motion)
+        return attempt
+
+    def _note(self, found: Found, replay: Replay, seconds: float) -> None:
+        self.progress(self.total - ROUNDS + min(len(self.levels), ROUNDS - 1), self.total)
+        least = min(replay.clearance.values(), default=np.inf)
+        self.levels.append(
+            Level(len(found.u), found.cost, replay.defect, least, found.iterations, seconds)
+        )
+
+    def _next(self, found: Found, replay: Replay, error: float) -> tuple[tuple[int, ...], str]:
+        """The mesh of the next round, or the status that ends them."""
+        if self.asked():
+            return found.counts, INTERRUPTED
+        if not found.met:
+            return found.counts, INFEASIBLE
+        finest = 2 * len(found.u) > self.settings.most_intervals
+        agrees = replay.defect <= self.settings.tolerance
+        settled = error <= self.settings.change * abs(found.cost)
+        lacking = self._lacking(replay)
+        done = SOLVED if found.converged else NOT_LEAST
+        if agrees and (settled or finest) and not lacking:
+            return found.counts, done if settled else NOT_LEAST
+        if len(self.levels) >= ROUNDS or (finest and not agrees):
+            return found.counts, NOT_VERIFIED
+        for name, room in lacking.items():
+            self.more[name] = self.more.get(name, 0.0) + room + ROOM
+        if agrees and (settled or finest):
+            return found.counts, ""
+        return tuple(2 * n for n in found.counts), ""
+
+    def _lacking(self, replay: Replay) -> dict[str, float]:
+        """Clearance (m) that is missing between nodes, by obstacle."""
+        missing = {name: self.problem.margin - room for name, room in replay.clearance.items()}
+        return {name: room for name, room in missing.items() if room > LACKING}

@@ -1,0 +1,119 @@
+"""The planning problem: from a start through goals, what is least, and within which limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softmpc.control.clearance import KeepClear
+from softmpc.control.limits import (
+    CurvatureLimit,
+    Limit,
+    PressureLimit,
+    StrainLimit,
+    StrokeLimit,
+    TorqueLimit,
+)
+from softmpc.control.transcription import require_linear_drive
+from softmpc.errors import InputError, unknown_name
+from softmpc.model.model import Model
+from softmpc.model.obstacles import Obstacle
+from softmpc.planning.goals import Goal, Start
+
+__all__ = ["LEAST", "PlanProblem", "arm_limits"]
+
+LEAST = ("time", "effort", "jerk")
+PLACES = 10  # a section, where a plan looks for obstacles; the replay looks closer
+LIMITLESS = 1e4  # 1/m, the default of `Limits.curvature_max`
+
+
+@dataclass(frozen=True, eq=False)
+class PlanProblem:
+    """What a plan must do.
+
+    `least` is "time" (s), "effort" (∫ Σ T² dt) or "jerk" (∫ Σ (dT/dt)² dt: torque is to the arm
+    what acceleration is to a mass). Without times of all goals, effort and jerk need the `duration`
+    of the whole (s). `rate` (N·m/s, or Pa/s) bounds how fast inputs change. `limits` hold along the
+    way; None: those of the arm. The whole arm keeps `margin` (m) clear of `obstacles`.
+    """
+
+    model: Model
+    start: Start
+    goals: tuple[Goal, ...]
+    least: str = "time"
+    duration: float | None = None
+    rate: float | None = None
+    limits: tuple[Limit, ...] | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_linear_drive(self.model)
+        self.start.check(self.model)
+        if not self.goals:
+            raise InputError("PlanProblem.goals is empty: give at least one Goal")
+        for goal in self.goals:
+            goal.check(self.model)
+        if self.least not in LEAST:
+            raise InputError(unknown_name("PlanProblem.least", self.least, LEAST))
+        for name, value in (("duration", self.duration), ("rate", self.rate)):
+            if value is not None and not 0 < value < np.inf:
+                raise InputError(f"PlanProblem.{name} = {value!r}: must be a number above 0")
+        self._check_times()
+        if self.obstacles:
+            _ = KeepClear(self.obstacles, self.margin)  # checks them
+
+    def _check_times(self) -> None:
+        times = [goal.after for goal in self.goals]
+        given = sum(time for time in times if time is not None)
+        if self.least != "time" and None in times and self.duration is None:
+            raise InputError(
+                f"least {self.least} needs a time: give the duration of the whole, or each goal "
+                "its time; without any, waiting for ever would be best"
+            )
+        if self.duration is not None and None not in times and abs(given - self.duration) > 1e-9:
+            raise InputError(
+                f"the goals take {given:g} s and the whole {self.duration:g} s: leave out one"
+            )
+        if self.duration is not None and given > self.duration:
+            raise InputError(
+                f"goals with times take {given:g} s already, the whole shall take "
+                f"{self.duration:g} s: must be less"
+            )
+
+    @property
+    def all_limits(self) -> tuple[Limit, ...]:
+        """Those along the way, obstacles among them."""
+        limits = arm_limits(self.model) if self.limits is None else self.limits
+        clear = (KeepClear(self.obstacles, self.margin, PLACES),) if self.obstacles else ()
+        return (*limits, *clear)
+
+    @property
+    def timing(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows M and values of M · durations = values: the times that are given."""
+        count = len(self.goals)
+        rows = [np.eye(count)[i] for i, goal in enumerate(self.goals) if goal.after is not None]
+        values = [goal.after for goal in self.goals if goal.after is not None]
+        if self.duration is not None and len(rows) < count:
+            rows.append(np.ones(count))
+            values.append(self.duration)
+        return np.array(rows).reshape(-1, count), np.array(values, float)
+
+
+def arm_limits(model: Model) -> tuple[Limit, ...]:
+    """Limits of the arm itself: input, pressure, stroke, stretch, curvature."""
+    arm, drive = model.scene.manipulator.limits, model.scene.actuation.input
+    pressure = arm.pressure_min, arm.pressure_max
+    found: list[Limit] = [
+        TorqueLimit(*((arm.torque_min, arm.torque_max) if drive == "torque" else pressure))
+    ]
+    if drive == "torque":
+        found.append(PressureLimit(*pressure))
+    if len(model.drive.X):
+        found.append(StrokeLimit(-arm.stroke_max, arm.stroke_max))
+    if any(name.startswith("epsilon_") for name in model.layout.q.names):
+        found.append(StrainLimit(arm.stretch_min, arm.stretch_max, kind="epsilon"))
+    if arm.curvature_max < LIMITLESS:
+        found.append(CurvatureLimit(-arm.curvature_max, arm.curvature_max))
+    return tuple(found)
