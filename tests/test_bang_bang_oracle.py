@@ -57,6 +57,13 @@ def test_a_mass_is_pushed_half_the_way(distance: float) -> None:
     check_pontryagin(found)
 
 
+@pytest.mark.parametrize("band", [0.0, 0.5])
+def test_even_pieces_push_a_mass_as_well(band: float) -> None:
+    """The switch is at a node; a band of the end is so much less way."""
+    found = held_least_time(MASS, [0, 0], [3, 0], 10.0, 10, [band, 0.0])
+    assert found == pytest.approx(2 * np.sqrt((3 - band) / 2.0), rel=1e-6)
+
+
 @pytest.mark.parametrize("start, end", [(-0.5, 0.5), (-0.9, 0.1), (0.0, 0.8)])
 def test_an_oscillator_goes_along_two_circles(start: float, end: float) -> None:
     """About the points that full input holds, 2 apart; the angles of the triangle are the times."""

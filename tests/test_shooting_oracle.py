@@ -106,7 +106,7 @@ def test_another_start_changes_nothing() -> None:
     found = least("one section with a load")
     guess = np.random.default_rng(3).uniform(0, 1.5, found.torques.shape)
     again = least_effort(*loaded_swing(), guess)
-    assert_allclose(again.torques, found.torques, atol=1e-7)
+    assert_allclose(again.torques, found.torques, atol=1e-5)
 
 
 def test_the_step_is_short_enough() -> None:
@@ -130,11 +130,12 @@ def test_tangents_are_those_of_differences() -> None:
     assert_allclose(by_torques, wanted, rtol=1e-7, atol=1e-9)
 
 
-def test_another_optimiser_finds_the_same() -> None:
-    """SLSQP of SciPy, on few pieces."""
+@pytest.mark.parametrize("band", [0.0, 0.005])
+def test_another_optimiser_finds_the_same(band: float) -> None:
+    """SLSQP of SciPy, on few pieces; with a band, all states may end beside their goals."""
     model, start, end, _ = loaded_swing()
-    times, shooter = graded(0.2, 0.04, 5e-4, growth=2.0), Shooter(model)
-    found = least_effort(model, start, end, times)
+    times, shooter = graded(0.15, 0.04, 5e-4, growth=2.0), Shooter(model)
+    found = least_effort(model, start, end, times, band=band)
     begin, goal = shooter.rest(start), shooter.rest(end)
     lengths = np.repeat(np.diff(times), len(start.torques))
 
@@ -143,19 +144,23 @@ def test_another_optimiser_finds_the_same() -> None:
         states, slope = shooter.run(begin, np.frombuffer(u).reshape(found.torques.shape), times)
         return (states[-1] - goal) / shooter.scale, slope
 
+    def rows(u: np.ndarray) -> np.ndarray:
+        off = run(u.tobytes())[0]
+        return np.concatenate([band - off, band + off]) if band else off
+
+    def slopes(u: np.ndarray) -> np.ndarray:
+        by_u = run(u.tobytes())[1]
+        return np.vstack([-by_u, by_u]) if band else by_u
+
     other = minimize(
-        lambda u: lengths @ u**2 / 0.1,
+        lambda u: lengths @ u**2 / found.cost,
         np.full(len(lengths), 0.7),
-        jac=lambda u: 2 * lengths * u / 0.1,
+        jac=lambda u: 2 * lengths * u / found.cost,
         bounds=[(0.0, 2.5)] * len(lengths),
-        constraints={
-            "type": "eq",
-            "fun": lambda u: run(u.tobytes())[0],
-            "jac": lambda u: run(u.tobytes())[1],
-        },
+        constraints={"type": "ineq" if band else "eq", "fun": rows, "jac": slopes},
         method="SLSQP",
         options={"maxiter": 200, "ftol": 1e-9},
     )
-    assert other.success
-    assert 0.1 * other.fun == pytest.approx(found.cost, rel=1e-6)
-    assert_allclose(other.x, found.torques.ravel(), atol=1e-3)
+    assert other.success and other.fun == pytest.approx(1.0, rel=1e-6)
+    assert_allclose(other.x, found.torques.ravel(), atol=2e-3)
+    assert found.miss == pytest.approx(band, abs=1e-6)

@@ -126,18 +126,28 @@ def least_time(system: Linear, start: ArrayLike, end: ArrayLike, longest: float)
 
 
 def held_least_time(
-    system: Linear, start: ArrayLike, end: ArrayLike, longest: float, pieces: int
+    system: Linear,
+    start: ArrayLike,
+    end: ArrayLike,
+    longest: float,
+    pieces: int,
+    band: ArrayLike = 0.0,
 ) -> float:
-    """The least time (s) of inputs held on so many equal pieces: what a mesh costs, exactly."""
-    cells = np.full(pieces, 1 / pieces)
-    return _shortest(system, np.asarray(start, float), np.asarray(end, float), longest, cells)
+    """The least time (s) of inputs held on so many equal pieces: what a mesh costs, exactly.
+
+    Each state may end within `band` (one a state, in its unit) of where it should.
+    """
+    begin, goal = np.asarray(start, float), np.asarray(end, float)
+    return _shortest(system, begin, goal, longest, np.full(pieces, 1 / pieces), band)
 
 
-def _shortest(system: Linear, begin: Array, goal: Array, longest: float, cells: Array) -> float:
+def _shortest(
+    system: Linear, begin: Array, goal: Array, longest: float, cells: Array, band: ArrayLike = 0.0
+) -> float:
     """The time at which the smallest range of u is the one allowed."""
 
     def excess(time: float) -> float:
-        return _smallest_range(system, begin, goal, time * cells)[0] - 1.0
+        return _smallest_range(system, begin, goal, time * cells, band)[0] - 1.0
 
     return float(brentq(excess, 1e-3 * longest, longest, rtol=1e-7))
 
@@ -150,7 +160,7 @@ def _cells() -> Array:
 
 
 def _smallest_range(
-    system: Linear, begin: Array, goal: Array, cells: Array
+    system: Linear, begin: Array, goal: Array, cells: Array, band: ArrayLike = 0.0
 ) -> tuple[float, Array, Array]:
     """Smallest range of u over the one allowed, u/range in each cell, and sizes of the states."""
     mean, radius = (system.high + system.low) / 2, (system.high - system.low) / 2
@@ -164,16 +174,18 @@ def _smallest_range(
     rows = np.array(columns[::-1]).T
     scale = np.abs(rows).sum(axis=1)
     missing = (goal - system.after(begin, mean, float(cells.sum()))) / scale
-    rows = rows / scale[:, None]
-    rows = np.hstack([rows, -rows, np.zeros((n, 1))])  # u = p - m with p, m >= 0, p + m <= range
-    one = np.eye(len(cells))
-    bounds = np.hstack([one, one, -np.ones((len(cells), 1))])
-    price = np.append(np.zeros(2 * len(cells)), 1.0)
-    found = linprog(price, bounds, np.zeros(len(cells)), rows, missing, method="highs")
+    rows, room = rows / scale[:, None], np.broadcast_to(np.asarray(band, float) / scale, n)
+    one = np.eye(len(cells))  # u = p - m with p, m >= 0, p + m <= range; then errors of the end
+    rows = np.hstack([rows, -rows, np.zeros((n, 1)), np.eye(n)])
+    highest = np.hstack([one, one, -np.ones((len(cells), 1)), np.zeros((len(cells), n))])
+    price = np.zeros(rows.shape[1])
+    price[2 * len(cells)] = 1.0
+    bounds = [(0.0, None)] * (2 * len(cells) + 1) + [(-r, r) for r in room]
+    found = linprog(price, highest, np.zeros(len(cells)), rows, missing, bounds, method="highs")
     if found.status != 0:
         raise RuntimeError(f"the linear program ended with: {found.message}")
-    w = found.x[: len(cells)] - found.x[len(cells) : -1]
-    return float(found.x[-1]), np.asarray(w / found.x[-1]), np.asarray(scale)
+    plus, minus, smallest = np.split(found.x[: 2 * len(cells) + 1], [len(cells), 2 * len(cells)])
+    return float(smallest[0]), (plus - minus) / smallest[0], np.asarray(scale)
 
 
 def _arcs(values: Array, lengths: Array) -> tuple[list[int], Array]:

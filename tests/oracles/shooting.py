@@ -11,17 +11,21 @@ Newton's method solves on its dual. Where it stops, Pontryagin's principle holds
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 Array = NDArray[np.float64]
 
 STEP = 2.5e-3  # s, longest step of the arm; the fastest mode of the paper's arm is near -520 1/s
 DROPPED = 1e-5  # scaled; ends that torques of effort 1 move less than this are left to decay
+FREE = 100.0  # an error of the end, scaled, costs its square over 10⁴: nothing beside an effort
+FLAT = 1e-10  # keeps Newton's matrix regular where the dual is flat
 STAGES = ((1, 0.0, 0), (2, 0.5, 1), (2, 0.5, 1), (1, 1.0, 2))  # weight/6, place in the step, twice
 
 
@@ -149,58 +153,81 @@ def least_effort(
     times: ArrayLike,
     guess: ArrayLike | None = None,
     step: float = STEP,
+    band: ArrayLike = 0.0,
     iterations: int = 60,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-6,
 ) -> Effort:
-    """The motion of least effort with torques held between nodes; `guess` (K×k) to start from."""
-    shooter, limits, nodes = Shooter(model, step), model.scene.manipulator.limits, np.asarray(times)
-    low, high = limits.torque_min, limits.torque_max
+    """The motion of least effort with torques held between nodes; `guess` (K×k) to start from.
+
+    Each state, in its scale, may end within `band` (nx, or one number) of where it should.
+    """
+    shooter, nodes, k = Shooter(model, step), np.asarray(times, float), len(start.torques)
     begin, goal, pieces = shooter.rest(start), shooter.rest(end), np.diff(nodes)
     share = (nodes[1:, None] + nodes[:-1, None]) / (2 * nodes[-1])
-    line = start.torques + share * (end.torques - start.torques)
-    u = np.clip(line if guess is None else np.asarray(guess, float), low, high)
-    root = np.sqrt(np.repeat(pieces, u.shape[1]))  # what makes the effort a sum of squares
+    u = start.torques + share * (end.torques - start.torques)
+    u = u if guess is None else np.asarray(guess, float)
+    bands = np.broadcast_to(np.asarray(band, float), begin.shape)
     for iteration in range(1, iterations + 1):
         states, by_u = shooter.run(begin, u, nodes)
-        missing, found = (goal - states[-1]) / shooter.scale, None
-        for share_of_way in (1.0, 0.5, 0.25, 0.1, 0.03):
-            wanted = by_u @ u.ravel() + share_of_way * missing
-            found = shortest(by_u / root, wanted, low * root, high * root)
-            if found is not None:
+        missing = (goal - states[-1]) / shooter.scale
+        for way in (1.0, 0.5, 0.25, 0.1, 0.03):
+            wanted = by_u @ u.ravel() + way * missing
+            better = _smallest(model, by_u, wanted, np.repeat(pieces, k), bands)
+            if better is not None:
                 break
-        if found is None:
+        else:
             raise RuntimeError("no torques within their limits lead towards the end")
-        change = float(np.abs(found / root - u.ravel()).max())
-        if change < tolerance and share_of_way == 1.0:
+        change = float(np.abs(better - u.ravel()).max())
+        if change < tolerance and way == 1.0:
             cost, miss = float(pieces @ np.sum(u**2, axis=1)), float(np.abs(missing).max())
             return Effort(cost, nodes, u, states, miss, change, iteration)
-        u = (found / root).reshape(u.shape)
+        u = better.reshape(u.shape)
     raise RuntimeError(f"torques still change by {change:.3g} N·m after {iterations} iterations")
+
+
+def _smallest(model: Any, by_u: Array, wanted: Array, lengths: Array, bands: Array) -> Array | None:
+    """Torques of least effort with by_u u = wanted, to within bands; None if there are none."""
+    limits, root = model.scene.manipulator.limits, np.sqrt(lengths)  # effort: a sum of squares
+    errors, room = FREE * np.eye(len(wanted))[:, bands > 0], bands[bands > 0] / FREE
+    low = np.append(limits.torque_min * root, -room)
+    high = np.append(limits.torque_max * root, room)
+    found = shortest(np.hstack([by_u / root, errors]), wanted, low, high)
+    return None if found is None else found[: len(root)] / root
 
 
 def shortest(rows: Array, values: Array, low: Array, high: Array) -> Array | None:
     """The shortest v with rows v = values and low <= v <= high; None if there seems to be none.
 
-    v = clip(rowsᵀ λ), with λ by Newton's method on the concave dual. Directions of the rows that no
-    v moves are left out.
+    v = clip(rowsᵀ λ), with λ by Newton's method on the concave dual, as far along each step as the
+    dual rises. Directions of the rows that no v moves are left out.
     """
     left, size, right = np.linalg.svd(rows, full_matrices=False)
     kept = size > DROPPED
     right, b = right[kept], (left.T @ values)[kept] / size[kept]
     enough = 1e-11 * max(1.0, float(np.abs(b).max()))
     multipliers = b
-    for _ in range(60):
-        v = np.clip(right.T @ multipliers, low, high)
-        off = right @ v - b
-        if float(np.abs(off).max()) < enough:
-            return np.asarray(v)
+
+    def off(at: Array) -> Array:
+        return np.asarray(right @ np.clip(right.T @ at, low, high) - b)
+
+    for _ in range(100):
+        now, v = off(multipliers), right.T @ multipliers
+        if float(np.abs(now).max()) < enough:
+            return np.clip(v, low, high)
         free = right[:, (v > low) & (v < high)]
-        change = -np.linalg.lstsq(free @ free.T, off, rcond=1e-12)[0]
-        length = 1.0
-        while length > 1e-3:  # the slope of the dual along the way must not have turned
-            ahead = np.clip(right.T @ (multipliers + length * change), low, high)
-            if float(change @ (right @ ahead - b)) <= 0:
-                break
-            length /= 2
-        multipliers = multipliers + length * change
+        step = -np.linalg.solve(free @ free.T + FLAT * np.eye(len(b)), now)
+        length = _top(lambda share, at=multipliers, step=step: -step @ off(at + share * step))
+        if length is None:
+            return None
+        multipliers = multipliers + length * step
     return None
+
+
+def _top(slope: Callable[[float], float]) -> float | None:
+    """Where a falling slope, positive at 0, is zero; None if it never is."""
+    far = 1.0
+    while slope(far) > 0:
+        far *= 8
+        if far > 1e9:
+            return None
+    return float(brentq(slope, 0.0, far, rtol=1e-12)) if slope(0.0) > 0 else 1.0
