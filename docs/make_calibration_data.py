@@ -10,11 +10,11 @@ import numpy as np
 
 from softmpc import Scene, load_scene
 from softmpc.files import replacing
+from softmpc.model.scene_paths import resolve, with_values
 from softmpc.simulation.columns import write_columns
 from softmpc.simulation.inputs import InputProfile
 from softmpc.study.arm_at import ArmAt
 from softmpc.study.observations import pressures_at_rest
-from softmpc.study.scene_paths import resolve, with_values
 
 FOLDER = Path(__file__).parents[1] / "examples" / "calibration"
 TRUTH = {

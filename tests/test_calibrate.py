@@ -14,13 +14,13 @@ from softmpc import PressureDrive, Scene, chen2022
 from softmpc.errors import InputError, SoftmpcError
 from softmpc.model.actuation import FrictionDrive
 from softmpc.model.effects import Gravity, Payload
+from softmpc.model.scene_paths import places_of, resolve, value_at, with_values
 from softmpc.study.arm_at import ArmAt
 from softmpc.study.calibrate import CalibrationProblem, calibrate
 from softmpc.study.calibration_result import Calibration
 from softmpc.study.free_parameters import FreeParameter, ParameterSpace, Tie
 from softmpc.study.least_squares import minimise
 from softmpc.study.observations import StaticPose
-from softmpc.study.scene_paths import places_of, resolve, value_at, with_values
 from softmpc.study.summary_values import SummaryValue
 from softmpc.study.uncertainty import uncertainty, undetermined
 from softmpc.view.calibration import calibration_figure

@@ -13,14 +13,14 @@ import numpy as np
 
 from softmpc.errors import InputError, errors_in
 from softmpc.model.scene import Scene
-from softmpc.study.scene_paths import Place, resolve, value_at, with_values
+from softmpc.model.scene_paths import Place, resolve, value_at, with_values
 
 __all__ = ["FreeParameter", "ParameterSpace", "Tie"]
 
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """A number of a scene, by its path (`softmpc.study.scene_paths`), all in SI.
+    """A number of a scene, by its path (`softmpc.model.scene_paths`), all in SI.
 
     `start` is the scene's own value where it is not given, `low` and `high` the validity range of
     the quantity. `prior` is a mean and a standard deviation. With `log` the logarithm is fitted
