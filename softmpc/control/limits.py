@@ -25,6 +25,7 @@ __all__ = [
     "StrainLimit",
     "StrokeLimit",
     "TipBox",
+    "TipCone",
     "TorqueLimit",
     "TorqueRateLimit",
 ]
@@ -168,14 +169,66 @@ class CurvatureLimit(Limit):
 
 @dataclass(frozen=True)
 class TipBox(Limit):
-    """One coordinate ("x", "y" or "z", base frame) of the tip, m."""
+    """One coordinate ("x", "y" or "z", base frame) of the tip of a section (None: the last), m."""
 
     name: ClassVar[str] = "tip box"
     axis: str = "z"
+    section: int | None = None
 
     def rows(self, stage: Stage) -> Rows:
         if self.axis not in ("x", "y", "z"):
             raise InputError(f"TipBox(axis={self.axis!r}): must be 'x', 'y' or 'z'")
         scale = np.array([stage.model.scene.manipulator.length])
-        place = stage.tip["xyz".index(self.axis)]
-        return self._rows(place, scale, (f"tip_{self.axis}",), ("m",))
+        place = stage.tip
+        if self.section is not None:
+            place = stage.model.frames(stage.q)[0][:, _index("TipBox", self.section, stage)]
+        name = f"tip_{self.axis}{_of_section(self.section)}"
+        return self._rows(place["xyz".index(self.axis)], scale, (name,), ("m",))
+
+
+@dataclass(frozen=True)
+class TipCone(Limit):
+    """Angle (rad) between an axis (base frame) and the direction of a section's tip, at most
+    `angle`; None is the last section."""
+
+    name: ClassVar[str] = "tip cone"
+    low: float = field(init=False)
+    high: float = field(init=False)
+    angle: float
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    section: int | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.angle < np.pi:
+            raise InputError(f"TipCone(angle={self.angle!r}): must be between 0 and π rad")
+        size = float(np.linalg.norm(self.axis))
+        if len(self.axis) != 3 or not 0 < size < np.inf:
+            raise InputError(
+                f"TipCone(axis={self.axis!r}): must be three finite numbers, not all of them zero"
+            )
+        object.__setattr__(self, "axis", tuple((np.array(self.axis) / size).tolist()))
+        object.__setattr__(self, "low", -np.inf)
+        object.__setattr__(self, "high", float(self.angle))
+        super().__post_init__()
+
+    def rows(self, stage: Stage) -> Rows:
+        index = _index("TipCone", self.section, stage)
+        points = stage.model.frames(stage.q)[1][:, 3 * index + 2]
+        axis = ca.DM(self.axis)
+        # The arc tangent is exact at all angles; rounded where the sine has no slope.
+        sine = ca.sqrt(ca.sumsqr(ca.cross(axis, points)) + (ROUNDED * self.angle) ** 2)
+        angle = ca.atan2(sine, ca.dot(axis, points))
+        name = f"angle of tip direction{_of_section(self.section)}"
+        return self._rows(angle, np.ones(1), (name,), ("rad",))
+
+
+def _index(owner: str, section: int | None, stage: Stage) -> int:
+    """Place of a section, counted from 1, among the tips."""
+    count = len(stage.model.scene.manipulator.sections)
+    if section is not None and (isinstance(section, bool) or section not in range(1, count + 1)):
+        raise InputError(f"{owner}(section={section!r}): this arm has the sections 1 to {count}")
+    return count - 1 if section is None else section - 1
+
+
+def _of_section(section: int | None) -> str:
+    return "" if section is None else f" of section {section}"

@@ -2,7 +2,9 @@
 
     duration = 3.0            # s
     sample_time = 0.01        # s, of the results
-    start = "rest"            # at rest under the input before t = 0, or "straight"
+    start = "rest"            # at rest under the input before t = 0, or "straight", or a file:
+                              # a state of a simulation.npz, simulation.csv or plan.npz,
+    start_time = 1.5          # s, the one at this time of the file, else the last
     method = "radau"          # or radau-2, gauss, gauss-2, idas, cvodes
     tip_tolerance = 1e-6      # m, error of a step at the tip (radau)
     step = 0.005              # s, instead: a step that is kept (radau, gauss)
@@ -29,6 +31,7 @@ from softmpc.model.tables import Table
 from softmpc.simulation.columns import read_columns
 from softmpc.simulation.inputs import InputProfile, Ramp, Step
 from softmpc.simulation.methods import METHODS, Method
+from softmpc.simulation.state_file import SUFFIXES, read_state
 
 __all__ = ["STARTS", "SimulationSettings", "read_method", "read_profile_table", "read_settings"]
 
@@ -43,7 +46,7 @@ class SimulationSettings:
     profile: InputProfile
     duration: float
     sample_time: float = 0.01
-    start: str = "rest"
+    start: str | np.ndarray = "rest"
     method: str = "radau"
     tip_tolerance: float | None = None
     tolerance: float | None = None
@@ -65,11 +68,24 @@ def read_settings(document: dict[str, Any], model: Model, folder: Path) -> Simul
         profile=_read_profile(table, model, folder),
         duration=duration,
         sample_time=table.number("sample_time", 0.01, unit="s", low=1e-6, high=duration),
-        start=table.string("start", "rest", STARTS),
+        start=_read_start(table, model, folder),
         **read_method(table),
     )
     table.finish()
     return settings
+
+
+def _read_start(table: Table, model: Model, folder: Path) -> str | np.ndarray:
+    """What `simulate` takes as its start: a word, or the state that a file has."""
+    start = table.string("start", "rest")
+    if start in STARTS:
+        return start
+    if Path(start).suffix not in SUFFIXES:
+        known = *STARTS, *(f"a file {suffix}" for suffix in SUFFIXES)
+        raise SceneError(f"{table.where} {unknown_name('start', start, known)}")
+    at = table.number("start_time", unit="s", low=0.0, high=1e6) if "start_time" in table else None
+    with errors_in("[simulate] start"):
+        return read_state(folder / start, model, at)[0]
 
 
 def read_method(table: Table) -> dict[str, Any]:

@@ -48,7 +48,7 @@ from softmpc.model.model import build
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document, read_toml
 from softmpc.model.tables import Table
-from softmpc.simulation.settings import read_settings
+from softmpc.simulation.settings import STARTS, read_settings
 from softmpc.study.calibrate import CalibrationProblem
 from softmpc.study.free_parameters import FreeParameter, Tie
 from softmpc.study.measured_files import read_inputs, read_measured, read_poses
@@ -218,6 +218,11 @@ def _case(path: Path, scene: Scene, cases: dict[str, MotionCase]) -> MotionCase:
         document = read_document(path)
         with errors_in(path):
             settings = read_settings(document, build(scene), path.parent)
+            if not isinstance(settings.start, str):
+                raise SceneError(
+                    f"[simulate] start: a motion to calibrate by starts at {' or '.join(STARTS)}, "
+                    "for the state of a file is that of one arm"
+                )
         numbers = (settings.duration, settings.sample_time, settings.start)
         cases[key] = MotionCase(path.stem, settings.profile, *numbers)
     return cases[key]
