@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from softmpc.control.dynamics import Dynamics, Steps
 from softmpc.control.trajectory import Moment, Trajectory
 from softmpc.planning.mesh import Mesh
 
-__all__ = ["Motion", "Roller"]
+__all__ = ["Motion", "Roller", "equations"]
 
 TOLERANCE = 1e-9  # of scaled defects
 MOST = 8  # Newton iterations
@@ -69,3 +70,29 @@ class Roller:
             da = da - steps.by_h * lengths[:, None]
         step = Trajectory(du, da, dx)
         return self(motion.at.moved(step, 1.0), motion.durations + longer)
+
+
+def equations(
+    mesh: Mesh, motion: Motion, timing: tuple[Array, Array]
+) -> tuple[sparse.csr_matrix, Array]:
+    """D v = d around a motion: the steps from node to node, then what is known of the durations.
+
+    `timing` has rows M and values of M · durations = values.
+    """
+    s, (M, times) = motion.steps, timing
+    if s.G is None:
+        raise AssertionError("a motion has slopes in its lengths")
+    N, nx, nu = s.B.shape
+    states = np.zeros((N, nx, 2 * nx + nu + 1))
+    states[1:, :, :nx] = s.A[1:]
+    states[:, :, nx : 2 * nx] = -np.eye(nx)
+    states[:, :, 2 * nx : -1] = s.B
+    states[:, :, -1] = s.G * mesh.phases.share[:, None]
+    before = np.vstack([mesh.of_x[:1], mesh.of_x[:-1]])
+    columns = np.hstack([before, mesh.of_x, mesh.of_u, mesh.of_duration[:, None]])
+    D = mesh.matrix(states, columns[:, None, :])
+    if not len(times):
+        return D, -s.gaps.ravel()
+    known = sparse.hstack([sparse.csr_matrix((len(times), mesh.moves - M.shape[1])), M])
+    right = np.concatenate([-s.gaps.ravel(), times - M @ motion.durations])
+    return sparse.vstack([D, known]).tocsr(), right

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from softmpc.planning.conditions import Conditions, Rows
 from softmpc.planning.elastic import Elastic, Step
-from softmpc.planning.motion import Motion, Roller
+from softmpc.planning.motion import Motion, Roller, equations
 from softmpc.planning.objective import Objective
 
 __all__ = ["Solved", "Sqp"]
@@ -166,7 +166,10 @@ class Sqp:
         """
         low, high = rows.low - rows.value, rows.high - rows.value
         used = np.flatnonzero((low > -NEAR) | (high < NEAR))
-        D, d = self._steps(motion, longer is None)
+        # Where all durations stay it is by equations: an interior-point method has no way between
+        # two bounds that are one.
+        stay = np.eye(len(motion.durations)), motion.durations
+        D, d = equations(self.mesh, motion, stay if longer is None else self.timing)
         lowest, highest = np.full(self.mesh.moves, -np.inf), np.full(self.mesh.moves, np.inf)
         count = self.mesh.inputs
         u = motion.at.u
@@ -179,31 +182,6 @@ class Sqp:
             H, f, D, d, rows.slopes[used], low[used], high[used], prices, lowest, highest
         )
         return program, used
-
-    def _steps(self, motion: Motion, timed: bool) -> tuple[sparse.csr_matrix, Array]:
-        """D v = d: the steps from node to node, and what is known of the durations.
-
-        Where all of them are `timed` they stay, by equations: an interior-point method has no way
-        between two bounds that are one.
-        """
-        mesh, s = self.mesh, motion.steps
-        if s.G is None:
-            raise AssertionError("a motion has slopes in its lengths")
-        N, nx, _ = s.B.shape
-        states = np.zeros((N, nx, 2 * nx + s.B.shape[2] + 1))
-        states[1:, :, :nx] = s.A[1:]
-        states[:, :, nx : 2 * nx] = -np.eye(nx)
-        states[:, :, 2 * nx : -1] = s.B
-        states[:, :, -1] = s.G * mesh.phases.share[:, None]
-        before = np.vstack([mesh.of_x[:1], mesh.of_x[:-1]])
-        columns = np.hstack([before, mesh.of_x, mesh.of_u, mesh.of_duration[:, None]])
-        D = mesh.matrix(states, columns[:, None, :])
-        M, times = (np.eye(len(motion.durations)), motion.durations) if timed else self.timing
-        if not len(times):
-            return D, -s.gaps.ravel()
-        known = sparse.hstack([sparse.csr_matrix((len(times), mesh.moves - M.shape[1])), M])
-        right = np.concatenate([-s.gaps.ravel(), times - M @ motion.durations])
-        return sparse.vstack([D, known]).tocsr(), right
 
     def _size(self, motion: Motion, v: Array) -> float:
         """Of a step, in units of the trust region."""
