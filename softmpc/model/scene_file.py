@@ -57,7 +57,7 @@ ACTUATIONS: dict[str, Actuation] = {
     for drive in (HydraulicDrive(), FrictionDrive(), SlowDrive(), StaticDrive(), PressureDrive())
 }
 TABLES = ("manipulator", "hydraulics", "limits", "model", "effects", "actuation", "load")
-OTHER_TABLES = ("track", "rig", "simulate")  # checked by the modules that use them
+OTHER_TABLES = ("track", "rig", "simulate", "plan")  # checked by the modules that use them
 MISPLACED = {  # what belongs below one of them
     "controller": "[track.controller]",
     "plant": "[track.plant]",
@@ -65,6 +65,8 @@ MISPLACED = {  # what belongs below one of them
     "estimator": "[rig.estimator]",
     "supervision": "[rig.supervision]",
     "faults": "[[rig.faults]]",
+    "goals": "[[plan.goals]]",
+    "obstacles": "[[plan.obstacles]], or obstacles = [...] of contact in [effects]",
 }
 ZERO = (0.0, 0.0, 0.0)
 
@@ -118,7 +120,7 @@ def write_document(document: Mapping[str, Any], path: str | os.PathLike[str]) ->
 
 
 def check_document(document: dict[str, Any]) -> None:
-    """Check the schema version and the names of the tables; `track` and `simulate` stay raw."""
+    """Check the schema version and the names of the tables; those of commands stay raw."""
     top = Table(document, "the scene file")
     schema = top.raw("schema", SCHEMA_VERSION)
     if type(schema) is not int or schema != SCHEMA_VERSION:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from softmpc.model.model import Model
 from softmpc.model.obstacles import Obstacle
 from softmpc.planning.goals import Goal, Start
 
-__all__ = ["LEAST", "PlanProblem", "arm_limits"]
+__all__ = ["LEAST", "PlanProblem", "arm_limits", "check_times"]
 
 LEAST = ("time", "effort", "jerk")
 PLACES = 10  # a section, where a plan looks for obstacles; the replay looks closer
@@ -60,27 +61,9 @@ class PlanProblem:
         for name, value in (("duration", self.duration), ("rate", self.rate)):
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"PlanProblem.{name} = {value!r}: must be a number above 0")
-        self._check_times()
+        check_times(self.least, [goal.after for goal in self.goals], self.duration)
         if self.obstacles:
             _ = KeepClear(self.obstacles, self.margin)  # checks them
-
-    def _check_times(self) -> None:
-        times = [goal.after for goal in self.goals]
-        given = sum(time for time in times if time is not None)
-        if self.least != "time" and None in times and self.duration is None:
-            raise InputError(
-                f"least {self.least} needs a time: give the duration of the whole, or each goal "
-                "its time; without any, waiting for ever would be best"
-            )
-        if self.duration is not None and None not in times and abs(given - self.duration) > 1e-9:
-            raise InputError(
-                f"the goals take {given:g} s and the whole {self.duration:g} s: leave out one"
-            )
-        if self.duration is not None and given > self.duration:
-            raise InputError(
-                f"goals with times take {given:g} s already, the whole shall take "
-                f"{self.duration:g} s: must be less"
-            )
 
     @property
     def all_limits(self) -> tuple[Limit, ...]:
@@ -99,6 +82,30 @@ class PlanProblem:
             rows.append(np.ones(count))
             values.append(self.duration)
         return np.array(rows).reshape(-1, count), np.array(values, float)
+
+
+def check_times(least: str, times: Sequence[float | None], duration: float | None) -> None:
+    """Raise `InputError` where times of goals (s, None: free) and of the whole contradict."""
+    given, free = sum(time for time in times if time is not None), None in times
+    if least == "time" and not (free and duration is None):
+        raise InputError(
+            "least time chooses the time: leave out the duration, or the time of a goal at least; "
+            "with given times take least effort or jerk"
+        )
+    if least != "time" and free and duration is None:
+        raise InputError(
+            f"least {least} needs a time: give the duration of the whole, or each goal "
+            "its time; without any, waiting for ever would be best"
+        )
+    if duration is None:
+        return
+    if not free and abs(given - duration) > 1e-9:
+        raise InputError(f"the goals take {given:g} s and the whole {duration:g} s: leave out one")
+    if free and given >= duration:
+        raise InputError(
+            f"goals with times take {given:g} s already, the whole shall take {duration:g} s: must "
+            "be less"
+        )
 
 
 def arm_limits(model: Model) -> tuple[Limit, ...]:
