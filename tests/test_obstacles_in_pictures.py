@@ -145,7 +145,7 @@ def test_obstacles_are_in_the_pictures(obstacles: tuple[Obstacle, ...]) -> None:
 @pytest.mark.parametrize("obstacles", [(), (POST,)])
 def test_obstacles_are_in_the_animation(obstacles: tuple[Obstacle, ...]) -> None:
     effects = (*default_effects(), *([Contact(obstacles=obstacles)] if obstacles else []))
-    made, space = animation._stage(Arm(model_of(PAPER, effects=effects)), BOX, None)
+    made, space = animation._stage(Arm(model_of(PAPER, effects=effects)), BOX, animation.Film())
     assert any(at_post(corners) for corners in faces_of(space)) == bool(obstacles)
     names = [text.get_text() for legend in made.legends for text in legend.get_texts()]
     assert names == (["obstacle"] if obstacles else [])

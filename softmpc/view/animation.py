@@ -6,6 +6,8 @@ import logging
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil, log10
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
@@ -16,12 +18,13 @@ from softmpc.files import replacing
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
 from softmpc.view.motion import MOST_POINTS, draw_traces
 from softmpc.view.obstacles import draw_obstacles, obstacle_key
-from softmpc.view.style import REFERENCE, figure, styled
+from softmpc.view.style import GOAL, REFERENCE, figure, styled
 
 if TYPE_CHECKING:
     from softmpc.model.model import Model
+    from softmpc.model.obstacles import Obstacle
 
-__all__ = ["animate"]
+__all__ = ["Film", "animate", "write_film"]
 
 STEP = 0.08  # s between frames; GIF counts in hundredths, many viewers take none below 0.02
 MOST_FRAMES = 300
@@ -29,6 +32,34 @@ PIXELS, DOTS = 480, 120  # and dots per inch
 COLOURS = 64
 log = logging.getLogger(__name__)
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """What an animation shows beside the arm, and at what pace.
+
+    `reference` (K×3, m) is the path of the tip, `goals` (N×3, m) are places, `obstacles` are those
+    besides what the arm may touch. A film is `slow` times slower than the motion, and stays at its
+    end for `pause` seconds.
+    """
+
+    title: str = ""
+    reference: np.ndarray | None = None
+    goals: np.ndarray | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    slow: float = 1.0
+    pause: float = 0.0
+
+    def words(self, time: float) -> str:
+        """The title, the clock, and how slow it is."""
+        head = shorten(self.title, 54).replace("$", r"\$")
+        pace = "" if self.slow == 1 else f", {self.slow:g} times slower"
+        return f"{head}\nt = {time:.{1 + ceil(log10(self.slow))}f} s{pace}".strip()
+
+    @property
+    def places(self) -> list[np.ndarray]:
+        """All that must be in the picture."""
+        return [one for one in (self.reference, self.goals) if one is not None]
 
 
 def animate(
@@ -45,10 +76,25 @@ def animate(
     Strains `q` (K×n) over `time` (K, s); `reference` (K×3, m) is the path of the tip. Frames are
     in real time, further apart in long motions only.
     """
-    count = int(np.clip((time[-1] - time[0]) / STEP, 1, MOST_FRAMES)) + 1
+    return write_film(model, time, q, path, Film(title, reference), progress)
+
+
+def write_film(
+    model: Model,
+    time: np.ndarray,
+    q: np.ndarray,
+    path: Path,
+    film: Film,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """As `animate`, with all that a `Film` may have."""
+    lasts = film.slow * (time[-1] - time[0])
+    count = int(np.clip(lasts / STEP, 1, MOST_FRAMES)) + 1
     picks = np.searchsorted(time, np.linspace(time[0], time[-1], count)).clip(0, len(time) - 1)
-    frames = _render(model, time, q, picks, reference, title, progress or (lambda *_: None))
-    seconds = (time[-1] - time[0]) / max(count - 1, 1)
+    frames = _render(model, time, q, picks, film, progress or (lambda *_: None))
+    seconds = lasts / max(count - 1, 1)
+    if film.pause:
+        frames += frames[-1:] * round(film.pause / seconds)
     with replacing(path) as beside:
         _write_gif(frames, beside, seconds)
     log.info("wrote %s", path)
@@ -67,8 +113,7 @@ def _render(
     time: np.ndarray,
     q: np.ndarray,
     picks: np.ndarray,
-    reference: np.ndarray | None,
-    title: str,
+    film: Film,
     progress: Progress,
 ) -> list[np.ndarray]:
     """The moments `picks` as images (height × width × 3)."""
@@ -77,17 +122,16 @@ def _render(
     traced = np.union1d(np.linspace(0, len(q) - 1, MOST_POINTS).round().astype(int), picks)
     shapes = [arm.sections(q[k]) for k in picks]
     lines = [line for shape in shapes for line in shape]
-    box = box_of(*lines, *([] if reference is None else [reference]), margin=1.5 * max(arm.radii))
-    made, axes = _stage(arm, box, reference)
+    box = box_of(*lines, *film.places, margin=1.5 * max(arm.radii))
+    made, axes = _stage(arm, box, film)
     ways = draw_traces(axes, traces[:1])
-    head = shorten(title, 54).replace("$", r"\$")
     clock = made.text(0.03, 0.98, "", fontsize=9, va="top")
     frames = []
     for done, (k, shape) in enumerate(zip(picks, shapes, strict=True), 1):
         gone = traces[traced[traced <= k]]
         for section, way in enumerate(ways):
             way.set_data_3d(*gone[:, section].T)
-        clock.set_text(f"{head}\nt = {time[k]:.1f} s".strip())
+        clock.set_text(film.words(time[k]))
         frames.append(_snapshot(made, axes, shape, [0.6 * radius for radius in arm.radii]))
         progress(done, len(picks))
     return frames
@@ -102,17 +146,20 @@ def _snapshot(made: Any, axes: Any, shape: list[np.ndarray], radii: list[float])
     return np.asarray(made.canvas.buffer_rgba())[..., :3].copy()
 
 
-def _stage(arm: Arm, box: np.ndarray, reference: np.ndarray | None) -> tuple[Any, Any]:
+def _stage(arm: Arm, box: np.ndarray, film: Film) -> tuple[Any, Any]:
     """A square figure with all that does not move."""
     made = figure(PIXELS / DOTS, PIXELS / DOTS, layout="none")
     made.set_dpi(DOTS)
     axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=0.94)
     axes.set_position((0.0, 0.1, 0.98, 0.87))
-    if draw_obstacles(axes, arm.obstacles, box):
-        made.legend(handles=[obstacle_key()], loc="lower left")
+    key = [obstacle_key()] if draw_obstacles(axes, arm.obstacles + film.obstacles, box) else []
     draw_base(axes, 1.8 * max(arm.radii))
-    if reference is not None:
-        axes.plot(*reference.T, **REFERENCE, zorder=8)
+    if film.reference is not None:
+        axes.plot(*film.reference.T, **REFERENCE, zorder=8)
+    if film.goals is not None:
+        key += axes.plot(*film.goals.T, **GOAL, zorder=8, label="goal")
+    if key:
+        made.legend(handles=key, loc="lower left", borderaxespad=0.2)
     return made, axes
 
 

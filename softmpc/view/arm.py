@@ -131,9 +131,16 @@ def draw_line(
 
 
 def draw_tube(
-    axes: Any, lines: list[np.ndarray], radii: list[float], alpha: float = 1.0
+    axes: Any,
+    lines: list[np.ndarray],
+    radii: list[float],
+    alpha: float = 1.0,
+    of_all: Any = None,
 ) -> list[Any]:
-    """The arm as a shaded tube of these radii, a section a colour; returns what was drawn."""
+    """The arm as a shaded tube of these radii; returns what was drawn.
+
+    A section a colour, or the colour `of_all`.
+    """
     from matplotlib.colors import LightSource
 
     light = LightSource(azdeg=315, altdeg=40)
@@ -142,8 +149,8 @@ def draw_tube(
         few = np.linspace(0, len(line) - 1, min(len(line), RINGS)).round().astype(int)
         surface = _tube(line[few], radius)
         drawn.append(axes.plot_surface(
-            *surface, color=colour(i), alpha=alpha, linewidth=0, antialiased=False,
-            rstride=1, cstride=1, shade=True, lightsource=light,
+            *surface, color=colour(i) if of_all is None else of_all, alpha=alpha, linewidth=0,
+            antialiased=False, rstride=1, cstride=1, shade=True, lightsource=light,
         ))  # fmt: skip
         for end in (0, -1):
             ring = surface[:, end]

@@ -6,7 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.view.style import ALARM, GREY, colour, dash, figure, label, legend_right, styled, width
+from softmpc.view.style import (
+    ALARM,
+    GREY,
+    LIMIT,
+    colour,
+    dash,
+    figure,
+    label,
+    legend_right,
+    styled,
+    width,
+)
 from softmpc.view.time_plots import TIME, draw_pressures, draw_solve_times, draw_torques
 
 if TYPE_CHECKING:
@@ -19,7 +30,6 @@ __all__ = ["control_figure", "shade_out_of_reach"]
 
 MARKS = ("x", "+", "v", "s", "D")
 MOST_POINTS = 4000
-LIMIT: dict[str, Any] = {"color": ALARM, "linewidth": 1.0, "linestyle": (0, (8, 3, 1, 3))}
 
 
 @styled

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from softmpc.model.model import Model
 
-__all__ = ["MOST_POINTS", "draw_traces", "motion_figure", "thinned"]
+__all__ = ["MOST_POINTS", "draw_traces", "moments", "motion_figure", "thinned"]
 
 GHOSTS = 5
 MOST_POINTS = 2000
@@ -40,7 +40,7 @@ def motion_figure(model: Model, motion: Any, title: str = "Motion") -> Figure:
     """Where the arm goes, how it bends and how fast its tips are; `motion` is a `Simulation`."""
     made = figure(12.5, 4.9, title)
     arm, tips = Arm(model), thinned(motion.tips)
-    shapes = [arm.sections(q) for q in motion.q[_moments(tips, len(motion.time))]]
+    shapes = [arm.sections(q) for q in motion.q[moments(tips, len(motion.time))]]
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, tips, margin=1.2 * max(arm.radii))
     gap = 0.12  # for the name of the z axis, of which the layout does not know
@@ -80,11 +80,14 @@ def _faint(section: int) -> dict[str, Any]:
     return {"color": colour(section), "linewidth": 1.0, "linestyle": (0, (3, 1))}
 
 
-def _moments(tips: np.ndarray, count: int) -> np.ndarray:
-    """Indices of a few samples between which the tip has gone equally far, ends included."""
+def moments(tips: np.ndarray, count: int, picked: int = GHOSTS) -> np.ndarray:
+    """Indices of a few of `count` samples, between which the tip has gone equally far.
+
+    The ends are among them; `tips` (K×S×3) may be thinned.
+    """
     steps = np.linalg.norm(np.diff(tips[:, -1], axis=0), axis=1)
     gone = np.concatenate([[0.0], np.cumsum(steps)])
-    wanted = np.linspace(0, gone[-1], GHOSTS) if gone[-1] > 0 else np.zeros(1)
+    wanted = np.linspace(0, gone[-1], picked) if gone[-1] > 0 else np.zeros(1)
     picks = np.searchsorted(gone, wanted).clip(0, len(gone) - 1)
     scale = (count - 1) / max(len(tips) - 1, 1)
     return np.unique(np.append((picks * scale).round().astype(int), count - 1))

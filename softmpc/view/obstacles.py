@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Patch
 
-__all__ = ["draw_cuts", "draw_obstacles", "obstacle_key"]
+__all__ = ["draw_cuts", "draw_obstacles", "draw_outlines", "obstacle_key"]
 
 FILL: dict[str, Any] = {"facecolor": GREY, "alpha": 0.22}
 FEWEST, MOST = 48, 4000  # faces around a cylinder; a sphere has the fewest
@@ -47,6 +47,20 @@ def draw_cuts(axes: Axes, obstacles: tuple[Obstacle, ...], across: int, box: np.
         if depths.min() < 0 < depths.max():
             axes.contourf(x, z, depths, [0, depths.max()], colors=[GREY], alpha=FILL["alpha"])
             axes.contour(x, z, depths, [0], colors=[GREY], linewidths=1.0)
+
+
+def draw_outlines(axes: Axes, obstacles: tuple[Obstacle, ...], box: np.ndarray) -> None:
+    """What obstacles cover of the view along z, as far as they are in `box`; holes are not seen."""
+    from scipy.spatial import ConvexHull
+
+    middle, reach = box.mean(axis=0), float(np.linalg.norm(box[1] - box[0]))
+    for obstacle in obstacles:
+        faces = [_clipped(face, box) for face in _faces(obstacle, middle, reach)]
+        places = np.concatenate([*faces, np.zeros((0, 3))])[:, :2]
+        if len(places) and np.linalg.matrix_rank(places - places[0], tol=1e-9) == 2:
+            outline = places[ConvexHull(places).vertices]
+            axes.fill(*outline.T, facecolor=FILL["facecolor"], alpha=FILL["alpha"], zorder=0)
+            axes.plot(*np.vstack([outline, outline[:1]]).T, color=GREY, linewidth=1.0)
 
 
 def obstacle_key() -> Patch:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "ALARM", "COLOURS", "DASHES", "GREY", "INK", "REFERENCE", "TRACE", "colour", "dash",
-    "figure", "label", "legend_right", "save_figure", "styled", "width",
+    "ALARM", "COLOURS", "DASHES", "GOAL", "GREY", "INK", "LIMIT", "REFERENCE", "TRACE", "colour",
+    "dash", "figure", "label", "legend_right", "save_figure", "styled", "width",
 ]  # fmt: skip
 
 COLOURS = ("#0072B2", "#E69F00", "#117755", "#CC79A7", "#7A3B00", "#56B4E9")
@@ -32,6 +32,10 @@ log = logging.getLogger(__name__)
 # A path to follow is a broad light band, and what was done a thin line upon it.
 REFERENCE: dict[str, Any] = {"color": "#BDBDBD", "linewidth": 4.0, "solid_capstyle": "round"}
 TRACE: dict[str, Any] = {"color": ALARM, "linewidth": 1.3}
+LIMIT: dict[str, Any] = {"color": ALARM, "linewidth": 1.0, "linestyle": (0, (8, 3, 1, 3))}
+GOAL: dict[str, Any] = {
+    "color": ALARM, "marker": "x", "markersize": 7, "markeredgewidth": 1.8, "linestyle": "none",
+}  # fmt: skip
 SETTINGS: dict[str, Any] = {
     "font.size": 9,
     "axes.labelsize": 9,

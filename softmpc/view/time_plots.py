@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.view.style import (
-    ALARM,
     DASHES,
     GREY,
     INK,
+    LIMIT,
     REFERENCE,
     colour,
     dash,
@@ -166,10 +166,16 @@ def draw_torques(axes: Axes, arm: Manipulator, time: np.ndarray, u: np.ndarray) 
     label(axes, TIME, "torque (N·m)", "motor torques")
 
 
-def draw_pressures(axes: Axes, arm: Manipulator, time: np.ndarray, p: np.ndarray) -> None:
-    """Unit pressures (K×units, Pa)."""
-    limits = arm.limits.pressure_min / 1e6, arm.limits.pressure_max / 1e6
-    _draw_units(axes, arm, time, p / 1e6, limits)
+def draw_pressures(
+    axes: Axes,
+    arm: Manipulator,
+    time: np.ndarray,
+    p: np.ndarray,
+    limits: Sequence[float] | None = None,
+) -> None:
+    """Unit pressures (K×units, Pa), with these limits (Pa) or the arm's; infinite ones are none."""
+    low, high = limits or (arm.limits.pressure_min, arm.limits.pressure_max)
+    _draw_units(axes, arm, time, p / 1e6, (low / 1e6, high / 1e6))
     label(axes, TIME, "pressure (MPa)", "unit pressures")
 
 
@@ -188,8 +194,9 @@ def _draw_units(
             look = {"color": colour(s), "linestyle": dash(j), "linewidth": width(s), **how}
             axes.plot(time, values[:, unit], **look, label=f"unit {unit + 1} (section {s + 1})")
             unit += 1
-    for limit, name in zip(limits, ("limits", "_nolegend_"), strict=True):
-        axes.axhline(limit, color=ALARM, linewidth=1.0, linestyle=(0, (8, 3, 1, 3)), label=name)
+    shown = [limit for limit in limits if np.isfinite(limit)]
+    for limit, name in zip(shown, ("limits", "_nolegend_"), strict=False):
+        axes.axhline(limit, **LIMIT, label=name)
 
 
 def draw_solve_times(
@@ -204,8 +211,7 @@ def draw_solve_times(
     median = float(np.median(step_ms))
     axes.axhline(median, color=INK, linewidth=1.2, label=f"median {median:.3g} ms")
     if budget_ms:
-        style: dict[str, Any] = {"color": ALARM, "linewidth": 1.0, "linestyle": (0, (8, 3, 1, 3))}
-        axes.axhline(budget_ms, **style, label=f"{of} {budget_ms:.3g} ms")
+        axes.axhline(budget_ms, **LIMIT, label=f"{of} {budget_ms:.3g} ms")
     label(axes, TIME, "solve time (ms)", "controller")
     plain_log(axes)
 
