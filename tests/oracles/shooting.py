@@ -5,8 +5,10 @@ within the torque limits. Of the package only laws of physics are used: the resi
 M, and the matrices of the linear drive. The drive is stepped by matrix exponentials, the arm by the
 classical Runge-Kutta method, both with their exact tangents. Each iteration takes the torques of
 least effort among those that reach the end by the last tangent, a problem of few multipliers that
-Newton's method solves on its dual. Where it stops, Pontryagin's principle holds: the torques are
-Σ λ_i ∂x_i(end)/∂T over piece and 2, clipped at their limits; `Effort.change` is what is left.
+Newton's method solves on its dual. Where it stops, Pontryagin's principle holds: each torque is
+Σ λ_i ∂x_i(end)/∂T over twice the length of its piece, clipped at its limits; `Effort.change` is how
+far off that was. Ends are at rest with their drive, which has modes of 0.1 and 1 ms: equal pieces
+longer than those must hold the last torque, and cost up to a third more than pieces that shrink.
 """
 
 from __future__ import annotations
