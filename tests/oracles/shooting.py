@@ -8,7 +8,7 @@ least effort among those that reach the end by the last tangent, a problem of fe
 Newton's method solves on its dual. Where it stops, Pontryagin's principle holds: each torque is
 Σ λ_i ∂x_i(end)/∂T over twice the length of its piece, clipped at its limits; `Effort.change` is how
 far off that was. Ends are at rest with their drive, which has modes of 0.1 and 1 ms: equal pieces
-longer than those must hold the last torque, and cost up to a third more than pieces that shrink.
+longer than those must hold the last torque, and cost more than pieces that shrink.
 """
 
 from __future__ import annotations
