@@ -1,8 +1,9 @@
-"""Files written whole or not at all, and NPZ files read whole or not at all."""
+"""Files written whole or not at all, NPZ files read so too, and JSON that all programs read."""
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import zipfile
 import zlib
@@ -13,7 +14,7 @@ from typing import Any
 
 from softmpc.errors import InputError
 
-__all__ = ["reading_npz", "replacing"]
+__all__ = ["as_json", "reading_npz", "replacing"]
 
 BROKEN = (
     AttributeError, EOFError, KeyError, OSError, TypeError, ValueError,
@@ -69,3 +70,20 @@ def reading_npz(
     except BROKEN as error:
         reason = f"it has no {error}" if isinstance(error, KeyError) else error
         raise InputError(f"{path}: is not a saved {what}: {reason}") from None
+
+
+def as_json(data: Any, indent: int | None = None) -> str:
+    """JSON of plain data and NumPy values; what is not finite becomes null."""
+    return json.dumps(_plain(data), indent=indent, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

@@ -6,7 +6,6 @@ to the folder of results and turns it into the exit status. Nothing else writes 
 
 from __future__ import annotations
 
-import json
 import logging
 import math
 import os
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from softmpc.errors import is_interrupt
+from softmpc.files import as_json
 
 if TYPE_CHECKING:
     from softmpc.model.scene import Scene
@@ -174,23 +174,6 @@ def table(rows: Sequence[tuple[str, object]]) -> str:
 def row(values: Sequence[float], digits: int = 5) -> str:
     """Numbers side by side; what rounds to zero has no sign."""
     return "  ".join(f"{round(value, digits) + 0.0:{digits + 4}.{digits}f}" for value in values)
-
-
-def as_json(data: Any, indent: int | None = None) -> str:
-    """JSON of plain data and NumPy values; what is not finite becomes null."""
-    return json.dumps(_plain(data), indent=indent, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if hasattr(value, "tolist"):  # NumPy arrays and scalars
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
 def write_text(path: Path, text: str) -> None:

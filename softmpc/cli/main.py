@@ -33,6 +33,7 @@ COMMANDS = {
     "inverse": "Find pressures and torques that hold the tip at a place.",
     "workspace": "Find where the tip can be at rest, and the limits of each section.",
     "simulate": "Run the motion that a scene describes.",
+    "plan": "Plan the motion of least time, effort or jerk through goals.",
     "track": "Move the tip along a path by nonlinear MPC.",
     "compare": "Compare the section tips of two simulations.",
     "ablate": "Show what each part of a scene changes and costs.",

@@ -19,6 +19,7 @@ __all__ = ["Replay", "Replayer"]
 
 TIGHT = Method("idas", tolerance=1e-9)
 BETWEEN = 8  # samples an interval
+ROUNDING = 1e-9  # s, of the times
 AFTER = 0.5  # s, for which the arm is watched at its last goal
 
 Array = np.ndarray
@@ -66,7 +67,7 @@ class Replayer:
         )
         tips = self.tips(states)
         pressures = self.pressures(states, profile(reached))
-        during = reached <= t[-1] * (1 + 1e-12)
+        during = reached <= t[-1] + ROUNDING
         nodes = np.arange(0, min(len(times), int(during.sum())), BETWEEN)
         planned = self.tips(x[: len(nodes)])
         off = np.linalg.norm(tips[nodes] - planned, axis=2)
