@@ -51,8 +51,8 @@ class Start:
 class Goal:
     """Targets for section tips at the end of a phase, and whether the arm rests there.
 
-    `state` (nx, SI) fixes the whole posture and its rates instead; without it the arm is free to
-    choose among the postures that meet the targets. `after` is the phase's duration (s), None
+    `state` (nx, SI) fixes the whole posture and its rates instead, with `rest` under an input that
+    holds it; without it the arm is free to choose among the postures that meet the targets. `after` is the phase's duration (s), None
     where the plan chooses it.
     """
 
@@ -79,8 +79,8 @@ class Goal:
         """What is zero where it is met."""
         found = _whole(stage, self.state) if self.state is not None else []
         found += _targets(stage, self.targets)
-        if self.rest and self.state is None:
-            found += _rest(stage)
+        if self.rest:
+            found += _rest(stage) if self.state is None else [_held(stage)]
         return _together(found)
 
 
@@ -136,12 +136,19 @@ def _targets(stage: Stage, targets: Sequence[Target]) -> list[GoalRows]:
 
 def _rest(stage: Stage) -> list[GoalRows]:
     """Rates, the drive's rates, and the balance of forces at rest under the input then held."""
-    model, layout = stage.model, stage.model.layout
-    z = ca.DM(model.drive.at_rest(np.eye(len(layout.u)))) @ stage.u
-    still = ca.SX.zeros(model.strains)
-    balance = model.residual(stage.q, still, still, model.pressures(z, stage.u))
+    layout = stage.model.layout
+    z = ca.DM(stage.model.drive.at_rest(np.eye(len(layout.u)))) @ stage.u
     return [
         _part(stage.dq, layout.dq, REST, "rest: "),
         _part(stage.z - z, layout.z, REST, "rest: "),
-        _part(balance, layout.r, REST, "rest: "),
+        _held(stage),
     ]
+
+
+def _held(stage: Stage) -> GoalRows:
+    """The balance of forces at rest under the input then held."""
+    model = stage.model
+    z = ca.DM(model.drive.at_rest(np.eye(len(model.layout.u)))) @ stage.u
+    still = ca.SX.zeros(model.strains)
+    balance = model.residual(stage.q, still, still, model.pressures(z, stage.u))
+    return _part(balance, model.layout.r, REST, "rest: ")
