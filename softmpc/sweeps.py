@@ -35,6 +35,7 @@ def sweep(
     chunk: int | None = None,
     keep: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
+    arrived: Callable[[int, Any], None] | None = None,
 ) -> list[Any]:
     """Results of `work(case)` for each case, in the order of the cases.
 
@@ -50,7 +51,8 @@ def sweep(
     done again, up to 3 times.
     `chunk`: how many cases a worker does at once, by default a 64th of them, 1 to 32.
     `keep`: a file for the results of finished chunks; the same sweep, with the same file, goes on
-    from there. `progress(cases done, cases)` is called as chunks finish.
+    from there. `progress(cases done, cases)` is called as chunks finish, and before it
+    `arrived(i, result)` for each of their cases: what there is when the sweep is interrupted.
 
     The first error of `work` ends the sweep: an `InputError` where it is one, else a `SweepError`,
     both with the case in front; so does a case that kills its worker every time. Raises
@@ -74,6 +76,9 @@ def sweep(
             if file:
                 file.add(one, outcome)
             results[one.number] = [json.loads(text) for text in outcome]
+            if arrived:
+                for i, result in enumerate(results[one.number], one.first):
+                    arrived(i, result)
             done += len(one.cases)
             report(done, len(given))
     return [result for one in chunks for result in results[one.number]]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from softmpc.interrupts import InterruptLater
 from softmpc.model.obstacles import obstacle_names
 from softmpc.planning.attempt import Attempt, Found
 from softmpc.planning.giving_way import gives_way, held_by
-from softmpc.planning.guesses import find_guesses
+from softmpc.planning.guesses import Guess, find_guesses
 from softmpc.planning.problem import PlanProblem
 from softmpc.planning.replay import Replay, Replayer
 from softmpc.planning.result import (
@@ -82,9 +83,7 @@ def plan(
     """
     settings = settings or PlanSettings()
     _check_start(problem)
-    with InterruptLater(shared=True) as interrupt:
-        planner = _Planner(problem, settings, progress or _nobody, lambda: interrupt.asked)
-        return planner.run(executor)
+    return _Planner(problem, settings, progress or _nobody).run(executor)
 
 
 def _nobody(done: int, total: int) -> None:
@@ -109,32 +108,54 @@ def _check_start(problem: PlanProblem) -> None:
 class _Planner:
     """One call of `plan`."""
 
-    def __init__(
-        self,
-        problem: PlanProblem,
-        settings: PlanSettings,
-        progress: Progress,
-        asked: Callable[[], bool],
-    ) -> None:
-        self.problem, self.settings = problem, settings
-        self.progress, self.asked = progress, asked
+    def __init__(self, problem: PlanProblem, settings: PlanSettings, progress: Progress) -> None:
+        self.problem, self.settings, self.progress = problem, settings, progress
         self.began = time.perf_counter()
         self.levels: list[Level] = []
         self.more: dict[str, float] = {}
         self.total = 0
+        self.cut = False  # by Ctrl-C
 
     def run(self, executor: Executor | int | None) -> PlanResult:
-        guesses = find_guesses(self.problem)
+        with InterruptLater() as interrupt:
+            guesses = find_guesses(self.problem)
+        if interrupt.asked:
+            raise KeyboardInterrupt
         self.total = len(guesses) + ROUNDS
-        alone = len(guesses) == 1
-        work = FirstMesh(Portable.of(self.problem), self.settings.intervals)
-        records = sweep(
-            work, guesses, executor=1 if alone else executor, chunk=1, progress=self._told
-        )
-        reports, best = ranked(guesses, records)
+        records = self._search(guesses, executor)
+        done = [(g, r) for g, r in zip(guesses, records, strict=True) if r is not None]
+        if not done:
+            return PlanResult(self.problem, INTERRUPTED, (), seconds=self._since())
+        reports, best = ranked(*zip(*done, strict=True))
         if best is None:
-            return PlanResult(self.problem, FAILED, reports, seconds=self._since())
-        return self._refined(best, reports)
+            status = INTERRUPTED if self.cut else FAILED
+            return PlanResult(self.problem, status, reports, seconds=self._since())
+        with InterruptLater() as interrupt:
+            return self._refined(best, reports, lambda: self.cut or interrupt.asked)
+
+    def _search(
+        self, guesses: Sequence[Guess], executor: Executor | int | None
+    ) -> list[dict[str, Any] | None]:
+        """What became of each guess on the first mesh; None where Ctrl-C came before."""
+        work = FirstMesh(Portable.of(self.problem), self.settings.intervals)
+        records: list[dict[str, Any] | None] = [None] * len(guesses)
+        if len(guesses) > 1 and executor != 1:
+            try:
+                sweep(
+                    work, guesses, executor=executor, chunk=1, progress=self._told,
+                    arrived=records.__setitem__,
+                )  # fmt: skip
+            except KeyboardInterrupt:
+                self.cut = True
+            return records
+        with InterruptLater(shared=True) as interrupt:
+            for i, guess in enumerate(guesses):
+                self._told(i, len(guesses))
+                records[i] = work(guess)
+                if interrupt.asked:
+                    self.cut = True
+                    break
+        return records
 
     def _told(self, done: float, total: float) -> None:
         self.progress(int(done), self.total)
@@ -142,8 +163,10 @@ class _Planner:
     def _since(self) -> float:
         return time.perf_counter() - self.began
 
-    def _refined(self, found: Found, reports: tuple[StartReport, ...]) -> PlanResult:
-        """Finer meshes, and more room for obstacles, until the replay agrees."""
+    def _refined(
+        self, found: Found, reports: tuple[StartReport, ...], asked: Callable[[], bool]
+    ) -> PlanResult:
+        """Finer meshes, and more room for obstacles, until the replay agrees or an end is asked."""
         replayer, error = Replayer(self.problem), float("nan")
         attempt: Attempt | None = None
         seconds, status = 0.0, ""
@@ -151,6 +174,7 @@ class _Planner:
             replay = replayer(found.t, found.u, found.x, found.u[-1], found.ends.tolist())
             self._note(found, replay, seconds)
             counts, status = self._next(found, replay, error)
+            status = INTERRUPTED if asked() else status
             if status:
                 break
             began = time.perf_counter()
@@ -159,10 +183,10 @@ class _Planner:
             if motion is None:
                 status = NOT_VERIFIED
                 break
-            better = attempt.improve(motion, lambda _: self.asked())
+            better = attempt.improve(motion, lambda _: asked())
             error = abs(better.cost - found.cost) if counts != found.counts else error
             found, seconds = better, time.perf_counter() - began
-        attempt = attempt or self._again(found)
+        attempt = attempt or self._again(found, asked)
         wrong = status == INFEASIBLE
         return PlanResult(
             self.problem, status, reports, found, replay, tuple(self.levels), error,
@@ -170,12 +194,12 @@ class _Planner:
             held_by=held_by(attempt, attempt.solved), seconds=self._since(),
         )  # fmt: skip
 
-    def _again(self, found: Found) -> Attempt:
+    def _again(self, found: Found, asked: Callable[[], bool]) -> Attempt:
         """The attempt behind a motion that came from another process."""
         attempt = Attempt(self.problem, found.counts)
         motion = attempt.from_plan(found)
         if motion is not None:
-            attempt.improve(motion)
+            attempt.improve(motion, lambda _: asked())
         return attempt
 
     def _note(self, found: Found, replay: Replay, seconds: float) -> None:
@@ -187,8 +211,6 @@ class _Planner:
 
     def _next(self, found: Found, replay: Replay, error: float) -> tuple[tuple[int, ...], str]:
         """The mesh of the next round, or the status that ends them."""
-        if self.asked():
-            return found.counts, INTERRUPTED
         if not found.met:
             return found.counts, INFEASIBLE
         finest = 2 * len(found.u) > self.settings.most_intervals

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.interrupts import InterruptLater
 from softmpc.model.model import build
 from softmpc.model.scene import Scene
 from softmpc.planning.attempt import Attempt, Found
@@ -53,7 +54,8 @@ class FirstMesh:
         motion = attempt.from_guess(guess)
         if motion is None:
             return {"found": None, "wrong": np.inf, "seconds": time.perf_counter() - began}
-        found = attempt.improve(motion)
+        with InterruptLater() as interrupt:
+            found = attempt.improve(motion, lambda _: interrupt.asked)
         wrong = float(attempt.solved.rows.excess.max(initial=0.0))
         return {"found": vars(found), "wrong": wrong, "seconds": time.perf_counter() - began}
 
