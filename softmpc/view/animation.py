@@ -152,7 +152,8 @@ def _stage(arm: Arm, box: np.ndarray, film: Film) -> tuple[Any, Any]:
     made.set_dpi(DOTS)
     axes = space(made, 111, box, arm.hangs, view=(18, -64), zoom=0.94)
     axes.set_position((0.0, 0.1, 0.98, 0.87))
-    key = [obstacle_key()] if draw_obstacles(axes, arm.obstacles + film.obstacles, box) else []
+    more = tuple(one for one in film.obstacles if one not in arm.obstacles)
+    key = [obstacle_key()] if draw_obstacles(axes, arm.obstacles + more, box) else []
     draw_base(axes, 1.8 * max(arm.radii))
     if film.reference is not None:
         axes.plot(*film.reference.T, **REFERENCE, zorder=8)

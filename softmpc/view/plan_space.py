@@ -26,7 +26,15 @@ if TYPE_CHECKING:
 
     from softmpc.model.model import Model
 
-__all__ = ["Mark", "draw_goals", "draw_space", "goal_marks", "obstacles_of", "replay_of"]
+__all__ = [
+    "Mark",
+    "draw_goals",
+    "draw_space",
+    "goal_marks",
+    "goal_times",
+    "obstacles_of",
+    "replay_of",
+]
 
 POSTURES = 7
 FRONT, ZOOM = (16, -64), 1.0  # elevation and azimuth (deg)
@@ -64,10 +72,16 @@ def obstacles_of(result: PlanResult) -> tuple[Obstacle, ...]:
     return kept + tuple(one for one in Arm(result.problem.model).obstacles if one not in kept)
 
 
+def goal_times(result: PlanResult) -> Array:
+    """When the goals are to be met, s."""
+    found = result.found
+    return np.zeros(0) if found is None else np.asarray(found.t[found.ends])
+
+
 def goal_marks(result: PlanResult) -> list[Mark]:
     """Where the goals are; what they leave free is where the replay is at their time."""
     model, replay = result.problem.model, replay_of(result)
-    times = np.cumsum(result.found.durations)  # type: ignore[union-attr]
+    times = goal_times(result)
     found = []
     for number, (goal, time) in enumerate(zip(result.problem.goals, times, strict=True), 1):
         q = replay.x[np.abs(replay.t - time).argmin(), : model.strains]

@@ -12,7 +12,7 @@ from softmpc.control.limits import Limit, PressureLimit, TorqueLimit
 from softmpc.model.obstacles import obstacle_names
 from softmpc.planning.result import PlanResult
 from softmpc.view.motion import thinned
-from softmpc.view.plan_space import obstacles_of, replay_of
+from softmpc.view.plan_space import goal_times, obstacles_of, replay_of
 from softmpc.view.style import (
     ALARM,
     COLOURS,
@@ -132,7 +132,8 @@ def _draw_clearance(axes: Axes, result: PlanResult) -> None:
     margin = 1e3 * result.problem.margin
     if result.problem.obstacles:
         axes.axhline(margin, **LIMIT, label=f"margin {margin:.3g} mm")
-    axes.set_ylim(min(0.0, 1.1 * rooms.min()))
+    low, high = min(0.0, rooms.min()), rooms.max()
+    axes.set_ylim(low - 0.08 * (high - low))
     label(axes, TIME, "clearance (mm)", "clearance of the whole arm")
 
 
@@ -158,7 +159,7 @@ def letters(result: PlanResult) -> list[str]:
 
 def _mark_times(axes: list[Axes], result: PlanResult) -> None:
     """Lines at the goals' times and where something gives way, named above the first two axes."""
-    goals = np.cumsum(result.found.durations)  # type: ignore[union-attr]
+    goals = goal_times(result)
     wrong = np.array([one.time for one in result.gives_way])
     for one in axes:
         for time in goals:
