@@ -94,7 +94,8 @@ class _Told:
 
 def _judge(result: PlanResult) -> tuple[int, str]:
     """Exit status, and why it is not 0."""
-    from softmpc.planning.result import FAILED, INFEASIBLE, INTERRUPTED as CUT, SOLVED
+    from softmpc.planning.result import FAILED, INFEASIBLE, SOLVED
+    from softmpc.planning.result import INTERRUPTED as CUT
 
     if result.status == SOLVED:
         return OK, ""
@@ -135,10 +136,12 @@ def _text(data: dict[str, Any]) -> str:
     rows += [("gives way", _gives_way(one)) for one in data.get("gives_way", ())]
     if data.get("held_by"):
         rows.append(("held by", ", ".join(data["held_by"])))
-    parts = [data["title"], table(rows), "", *_starts(data["starts"])]
+    parts = [data["title"], table(rows)]
+    if data["starts"]:
+        parts += ["", *_starts(data["starts"])]
     if data.get("levels"):
         parts += ["", *_levels(data["levels"])]
-    return "\n".join(part for part in parts)
+    return "\n".join(parts)
 
 
 def _motion_rows(data: dict[str, Any]) -> list[tuple[str, object]]:

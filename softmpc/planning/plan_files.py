@@ -101,7 +101,7 @@ def load_plan(path: str | os.PathLike[str], problem: PlanProblem | None = None) 
                 f"{path}: has parts that files do not know: give load_plan the problem as well"
             )
         samples = {field: arrays[name] for field, name in SAMPLED.items()}
-        moves = {name: arrays[name] for name in ("durations", "u", "x", "a")}
+        moves = {f.name: arrays[f.name] for f in fields(Found) if f.name in arrays}
         return PlanResult(
             problem or _problem(about["problem"], arrays),
             about["status"],
@@ -128,9 +128,9 @@ def _arrays(result: PlanResult, replay: Replay) -> dict[str, Array]:
     found = result.found
     assert found is not None  # where there is a replay
     return {
-        "t": found.t, "u": found.u, "x": found.x, "u_before": result.problem.start.u,
-        "u_after": result.u_after, **samples, "a": found.a, "durations": found.durations,
-        "goal_states": np.array(states),
+        "t": result.t, **{k: v for k, v in vars(found).items() if isinstance(v, np.ndarray)},
+        "u_before": result.problem.start.u, "u_after": result.u_after,
+        **samples, "goal_states": np.array(states),
     }  # fmt: skip
 
 

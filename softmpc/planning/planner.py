@@ -91,17 +91,19 @@ def _nobody(done: int, total: int) -> None:
 
 
 def _check_start(problem: PlanProblem) -> None:
-    """Raise `InputError` where the arm begins inside of an obstacle."""
+    """Raise `InputError` where the arm begins inside of an obstacle, or nearer than the margin."""
     if not problem.obstacles:
         return
     n = problem.model.strains
     closest = arm_clearance(problem.model, problem.obstacles)(problem.start.x[:n])
     names = obstacle_names(problem.obstacles)
     for name, room, section in zip(names, closest.clearance[0], closest.section[0], strict=True):
-        if room < 0:
+        if room < problem.margin:
+            inside = f"{-1e3 * room:.3g} mm inside of {name}"
+            near = f"{1e3 * room:.3g} mm from {name}, nearer than {1e3 * problem.margin:.3g} mm,"
             raise InputError(
-                f"the arm begins {-1e3 * room:.3g} mm inside of {name} with section {section}: "
-                "start elsewhere, or move the obstacle"
+                f"the arm begins {inside if room < 0 else near} with section {section}: start "
+                "elsewhere, or move the obstacle"
             )
 
 
