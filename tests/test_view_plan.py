@@ -146,7 +146,8 @@ def texts(made: Figure) -> Iterator[Text]:
     ticks |= {axis.get_offset_text() for axes in made.axes for axis in axes._axis_map.values()}
     for text in made.findobj(Text):
         words = text.get_text().strip()
-        if words and text.get_visible() and text not in ticks and not words.isdigit():
+        beside = re.fullmatch(r"[ ,\d]+", words)
+        if words and text.get_visible() and text not in ticks and not beside:
             yield text
 
 
@@ -177,6 +178,10 @@ def test_other_arms_are_readable(slots: dict[str, Any]) -> None:
     assert len(time_axes(made)) == 3  # none of clearance
     kind = result.problem.model.scene.actuation.input
     assert time_axes(made)[0].get_title(loc="left").startswith(("motor torques", "pressures"))
+    said = {one.get_text() for axes in made.axes for one in axes.texts}
+    assert {"  1, 2"} == {words for words in said if re.fullmatch(r"[ ,\d]+", words)}
+    named = time_axes(made)[1].get_legend_handles_labels()[1]
+    assert "limits" in named
     assert (kind == "pressure") == ("MPa" in time_axes(made)[0].get_title(loc="left"))
 
 

@@ -195,12 +195,15 @@ def _draw_way(axes: Any, replay: Replay, shades: ScalarMappable, size: int) -> N
 def draw_goals(axes: Any, marks: list[Mark], arm: Arm, size: int = 3) -> None:
     """A cross at each goal, with its number where there are several; lines show directions."""
     length = ARROW * arm.model.scene.manipulator.length
-    numbered = len({mark.goal for mark in marks}) > 1
+    numbers: dict[tuple[float, ...], list[str]] = {}  # goals at one place share their words
     for k, mark in enumerate(marks):
         place = mark.place[:size]
         axes.plot(*place[:, None], **GOAL, zorder=11, label="goal" if k == 0 else None)
         if mark.axis is not None:
             end = place + length * mark.axis[:size]
             axes.plot(*zip(place, end, strict=True), color=ALARM, linewidth=1.5, zorder=11)
-        if numbered:
-            axes.text(*place, f"  {mark.goal}", fontsize=9, color=ALARM, zorder=12)
+        words = numbers.setdefault(tuple(place.round(3).tolist()), [])
+        words += [f"{mark.goal}"] * (f"{mark.goal}" not in words)
+    if len({mark.goal for mark in marks}) > 1:
+        for at, words in numbers.items():
+            axes.text(*at, f"  {', '.join(words)}", fontsize=9, color=ALARM, zorder=12)

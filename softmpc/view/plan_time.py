@@ -47,7 +47,9 @@ def draw_over_time(axes: list[Axes], result: PlanResult) -> None:
     """
     replay = replay_of(result)
     _draw_lanes(axes[0], result)
-    arm, bounds = result.problem.model.scene.manipulator, _bounds(result, PressureLimit)
+    scene = result.problem.model.scene
+    inputs = (TorqueLimit,) if scene.actuation.input == "pressure" else ()
+    arm, bounds = scene.manipulator, _bounds(result, PressureLimit, *inputs)
     draw_pressures(axes[1], arm, thinned(replay.t), thinned(replay.pressures), bounds)
     if len(axes) == 4:
         _draw_clearance(axes[2], result)
@@ -92,9 +94,9 @@ def _draw_lanes(axes: Axes, result: PlanResult) -> None:
     label(axes, TIME, "unit", f"{what}, each from {low} to {high} {unit}")
 
 
-def _bounds(result: PlanResult, kind: type[Limit]) -> tuple[float, float]:
-    """Between which the limits of a kind keep something; infinite without any."""
-    limits = [one for one in result.problem.all_limits if isinstance(one, kind)]
+def _bounds(result: PlanResult, *kinds: type[Limit]) -> tuple[float, float]:
+    """Between which limits of these kinds keep something; infinite without any."""
+    limits = [one for one in result.problem.all_limits if isinstance(one, kinds)]
     low = max((one.low for one in limits), default=-np.inf)
     return low, min((one.high for one in limits), default=np.inf)
 
