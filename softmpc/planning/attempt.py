@@ -30,10 +30,11 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A motion in SI: nodes t (K+1, s), inputs u (K×k), states x (K+1×nx), input afterwards."""
+    """A motion in SI: nodes t (K+1, s), inputs u (K×k), states x (K+1×nx)."""
 
-    counts: tuple[int, ...]
-    durations: Array
+    t: Array
+    ends: Array  # the nodes of the goals
+    durations: Array  # of the phases, s
     u: Array
     x: Array
     a: Array  # stage accelerations (K×s·n)
@@ -43,14 +44,9 @@ class Found:
     iterations: int
 
     @property
-    def t(self) -> Array:
-        """Times of the nodes (K+1), s."""
-        return np.concatenate([[0.0], np.cumsum(Phases(self.counts).lengths(self.durations))])
-
-    @property
-    def ends(self) -> Array:
-        """The nodes of the goals."""
-        return Phases(self.counts).ends + 1
+    def counts(self) -> tuple[int, ...]:
+        """Intervals of each phase."""
+        return tuple(np.diff(self.ends, prepend=0).tolist())
 
 
 class Attempt:
@@ -63,7 +59,8 @@ class Attempt:
         # The plan has an objective of its own, but a problem has a cost.
         ocp = Ocp(problem.model, sum(counts), NOMINAL, (Torque(),), problem.all_limits)
         self.t = t = Transcription(ocp, STAGES)
-        self.mesh = Mesh(t, Phases(counts))
+        rests = tuple(goal.rest or goal.state is not None for goal in problem.goals)
+        self.mesh = Mesh(t, Phases(counts, rests))
         start = problem.start
         none = np.zeros((t.N, t.nr))
         self.moment = Moment(start.x / t.x_scale, t.decisions(start.u), none)
@@ -86,11 +83,12 @@ class Attempt:
         return found
 
     def _nodes(self, guess: Guess) -> list[tuple[Array, Array]]:
-        """Strains and inputs of the intervals of each phase."""
-        nodes = []
-        for phase, count in enumerate(self.mesh.phases.counts):
-            share = np.arange(1, count + 1) / count
-            nodes.append((guess.at(phase, share)[0], guess.at(phase, share - 0.5 / count)[1]))
+        """Strains at the ends of the intervals of each phase, inputs in their middles."""
+        phases, nodes = self.mesh.phases, []
+        for phase in range(len(phases.counts)):
+            share = phases.share[phases.of_interval == phase]
+            end = np.cumsum(share)
+            nodes.append((guess.at(phase, end)[0], guess.at(phase, end - 0.5 * share)[1]))
         return nodes
 
     def from_plan(self, plan: Found) -> Motion | None:
@@ -115,10 +113,11 @@ class Attempt:
         return Objective(self.mesh, self.moment, self.problem.least, size)
 
     def _found(self, solved: Solved) -> Found:
-        t, motion = self.t, solved.motion
+        t, motion, phases = self.t, solved.motion, self.mesh.phases
         at = motion.at
         return Found(
-            counts=self.mesh.phases.counts,
+            t=np.concatenate([[0.0], np.cumsum(phases.lengths(motion.durations))]),
+            ends=phases.ends + 1,
             durations=motion.durations,
             u=(at.u * t.u_scale)[:, : t.inputs],
             x=np.vstack([self.problem.start.x, at.x * t.x_scale]),

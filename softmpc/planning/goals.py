@@ -19,7 +19,7 @@ __all__ = ["Goal", "GoalRows", "Start"]
 PLACE = 1e-4  # m, within which a place is met,
 TURN = 1e-3  # and a direction, rad;
 STRAIN = 1e-4  # a given posture, in scales of the strains;
-REST = 1e-3  # rates, drive and balance at rest, in theirs: the tip then drifts some 0.1 mm at most
+REST = 1e-4  # rates, drive and balance at rest, in theirs: the tip then drifts 0.1 mm or so
 
 Array = np.ndarray
 

@@ -12,14 +12,21 @@ from softmpc.control.transcription import Transcription
 
 __all__ = ["Mesh", "Phases"]
 
+GRADING = 1.5  # power of the time that is left, over the intervals that are left
+
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Phases:
-    """How many intervals each phase has; those of one phase are equally long."""
+    """How many intervals each phase has, and whether the arm rests at its end.
+
+    Intervals of a phase that ends at rest become shorter towards it: all that is fast, such as the
+    drive, has to come to rest there too, and does so in the last of them. Others are equally long.
+    """
 
     counts: tuple[int, ...]
+    rests: tuple[bool, ...]
 
     @property
     def N(self) -> int:
@@ -38,7 +45,11 @@ class Phases:
     @cached_property
     def share(self) -> Array:
         """Of each interval in the duration of its phase (N)."""
-        return 1.0 / np.repeat(self.counts, self.counts)
+        shares = []
+        for count, rests in zip(self.counts, self.rests, strict=True):
+            left = np.linspace(1.0, 0.0, count + 1) ** (GRADING if rests else 1.0)
+            shares.append(-np.diff(left))
+        return np.concatenate(shares)
 
     def lengths(self, durations: Array) -> Array:
         """Of the intervals (N), s."""

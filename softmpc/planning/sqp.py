@@ -104,7 +104,7 @@ class Sqp:
             size = self._size(motion, step.v)
             there, rows_there = self._restored(there, max(trust, TRUST))
             cost_there = self.objective(there) + price * float(rows_there.excess.sum())
-            converged = promised <= DECREASE * max(abs(cost), 1e-3)
+            converged = promised <= self._small(cost, size, trust)
             if cost_there <= cost - 0.05 * promised or (converged and cost_there <= cost):
                 share = (cost - cost_there) / max(promised, 1e-300)
                 motion, rows, cost = there, rows_there, cost_there
@@ -115,6 +115,11 @@ class Sqp:
             else:
                 trust = 0.4 * min(size, trust)
         return Solved(motion, rows, cost, converged, done, step, used)
+
+    def _small(self, cost: float, size: float, trust: float) -> float:
+        """A promise that is not worth another iteration; what a short leash promises is more."""
+        held = size > 0.9 * trust and trust < 0.3 * TRUST
+        return DECREASE * max(abs(cost), 1e-3) * (0.1 if held else 1.0)
 
     # --- programs --------------------------------------------------------------------------------
 

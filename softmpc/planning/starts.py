@@ -85,8 +85,8 @@ def ranked(
 def _found(record: dict[str, Any] | None) -> Found | None:
     if record is None:
         return None
-    arrays = {k: np.array(record[k], float) for k in ("durations", "u", "x", "a")}
-    return Found(**{**record, **arrays, "counts": tuple(record["counts"])})
+    arrays = {k: np.array(record[k], float) for k in ("t", "durations", "u", "x", "a")}
+    return Found(**{**record, **arrays, "ends": np.array(record["ends"], int)})
 
 
 def _status(found: Found | None) -> str:
