@@ -34,7 +34,7 @@ from softmpc.planning.result import FAILED, INFEASIBLE, SOLVED, Level, PlanResul
 from softmpc.statics.targets import Direction, Position
 from softmpc.view import animation
 from softmpc.view.arm import Arm
-from softmpc.view.obstacles import draw_outlines
+from softmpc.view.obstacles import draw_outlines, widened
 from softmpc.view.plan import animate_plan, draw_plan, draw_refinement
 from softmpc.view.plan_animation import times_slower
 from softmpc.view.plan_space import goal_marks
@@ -313,6 +313,22 @@ def test_outlines_from_above() -> None:
     corners = outline(Box((0.0, 0.0, 0.5), (0.2, 0.2, 0.3), (0.0, 0.0, 45.0)))[:-1]
     assert np.abs(corners).sum(axis=1) == pytest.approx(0.1 * 2**0.5)
     assert len(outline(Plane((0.2, 0.0, 0.0), (1.0, 0.0, 0.0)))) == 0
+    assert len(outline(Plane((0.0, 0.0, 0.9), (0.0, 0.0, -1.0)))) == 0  # it covers all
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "low", "high"),
+    [
+        (Sphere((1.1, 0.5, 0.5), 0.15), (0, 0, 0), (1.2, 1, 1)),  # cut 0.2 away from the box
+        (Sphere((3.0, 0.5, 0.5), 0.3), (0, 0, 0), (1, 1, 1)),
+        (Box((0.5, 0.5, -0.1), (0.1, 0.1, 0.1)), (0, 0, -0.15), (1, 1, 1)),
+        (Plane((0.5, 9.0, 1.1), (0.0, 0.0, -1.0)), (0, 0, 0), (1, 1, 1.1)),
+        (Plane((0.5, 9.0, 1.3), (0.0, 0.0, -1.0)), (0, 0, 0), (1, 1, 1)),
+    ],
+)
+def test_pictures_have_room_for_what_is_near(obstacle: Any, low: Any, high: Any) -> None:
+    box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    np.testing.assert_allclose(widened(box, (obstacle,), 0.2), [low, high], atol=2e-3)
 
 
 # ---------------------------------------------------------------- animation

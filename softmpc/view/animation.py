@@ -17,7 +17,7 @@ import numpy as np
 from softmpc.files import replacing
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
 from softmpc.view.motion import MOST_POINTS, draw_traces
-from softmpc.view.obstacles import draw_obstacles, obstacle_key
+from softmpc.view.obstacles import NEAR, draw_obstacles, obstacle_key, widened
 from softmpc.view.style import GOAL, REFERENCE, figure, styled
 
 if TYPE_CHECKING:
@@ -123,6 +123,7 @@ def _render(
     shapes = [arm.sections(q[k]) for k in picks]
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, *film.places, margin=1.5 * max(arm.radii))
+    box = widened(box, film.obstacles, NEAR * model.scene.manipulator.length)
     made, axes = _stage(arm, box, film)
     ways = draw_traces(axes, traces[:1])
     clock = made.text(0.03, 0.98, "", fontsize=9, va="top")

@@ -15,10 +15,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Patch
 
-__all__ = ["draw_cuts", "draw_obstacles", "draw_outlines", "obstacle_key"]
+__all__ = ["NEAR", "draw_cuts", "draw_obstacles", "draw_outlines", "obstacle_key", "widened"]
 
 FILL: dict[str, Any] = {"facecolor": GREY, "alpha": 0.22}
 FEWEST, MOST = 48, 4000  # faces around a cylinder; a sphere has the fewest
+NEAR = 0.12  # lengths of the arm: obstacles so near belong into its picture
+COVERED = 0.99  # of a view
 GRID = 201  # places along each side of the plane view
 
 
@@ -49,8 +51,28 @@ def draw_cuts(axes: Axes, obstacles: tuple[Obstacle, ...], across: int, box: np.
             axes.contour(x, z, depths, [0], colors=[GREY], linewidths=1.0)
 
 
+def widened(box: np.ndarray, obstacles: tuple[Obstacle, ...], reach: float) -> np.ndarray:
+    """The box (2×3), wide enough for what of the obstacles is within `reach` (m) of it."""
+    near = box + reach * np.array([[-1.0], [1.0]])
+    middle, far = box.mean(axis=0), float(np.linalg.norm(near[1] - near[0]))
+    corners = np.array([[box[i, 0], box[j, 1], box[k, 2]] for i, j, k in np.ndindex(2, 2, 2)])
+    seen = [box]
+    for obstacle in obstacles:
+        if isinstance(obstacle, Plane):
+            normal = np.array(obstacle.normal)
+            feet = corners - np.outer((corners - np.array(obstacle.point)) @ normal, normal)
+            seen.append(feet[((near[0] <= feet) & (feet <= near[1])).all(axis=1)])
+        else:
+            seen += [_clipped(face, near) for face in _faces(obstacle, middle, far)]
+    places = np.concatenate(seen)
+    return np.array([places.min(axis=0), places.max(axis=0)])
+
+
 def draw_outlines(axes: Axes, obstacles: tuple[Obstacle, ...], box: np.ndarray) -> None:
-    """What obstacles cover of the view along z, as far as they are in `box`; holes are not seen."""
+    """What obstacles cover of the view along z, as far as they are in `box`; holes are not seen.
+
+    What covers all of it is left out, like a table below.
+    """
     from scipy.spatial import ConvexHull
 
     middle, reach = box.mean(axis=0), float(np.linalg.norm(box[1] - box[0]))
@@ -58,7 +80,10 @@ def draw_outlines(axes: Axes, obstacles: tuple[Obstacle, ...], box: np.ndarray) 
         faces = [_clipped(face, box) for face in _faces(obstacle, middle, reach)]
         places = np.concatenate([*faces, np.zeros((0, 3))])[:, :2]
         if len(places) and np.linalg.matrix_rank(places - places[0], tol=1e-9) == 2:
-            outline = places[ConvexHull(places).vertices]
+            hull = ConvexHull(places)
+            if hull.volume > COVERED * np.prod(box[1, :2] - box[0, :2]):
+                continue
+            outline = places[hull.vertices]
             axes.fill(*outline.T, facecolor=FILL["facecolor"], alpha=FILL["alpha"], zorder=0)
             axes.plot(*np.vstack([outline, outline[:1]]).T, color=GREY, linewidth=1.0)
 

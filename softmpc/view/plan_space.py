@@ -16,7 +16,7 @@ from softmpc.planning.result import PlanResult
 from softmpc.statics.targets import Direction, Orientation, Position, Target
 from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, even_ticks, space
 from softmpc.view.motion import moments, thinned
-from softmpc.view.obstacles import draw_obstacles, draw_outlines, obstacle_key
+from softmpc.view.obstacles import NEAR, draw_obstacles, draw_outlines, obstacle_key, widened
 from softmpc.view.style import ALARM, GOAL, INK, label
 from softmpc.view.time_plots import TIME
 
@@ -118,7 +118,9 @@ def draw_space(made: Any, result: PlanResult) -> None:
     arm, replay, marks = Arm(result.problem.model), replay_of(result), goal_marks(result)
     picks = moments(replay.tips, len(replay.t), POSTURES)
     shapes = [arm.sections(q) for q in replay.x[picks, : arm.model.strains]]
-    box = _box(arm, [line for shape in shapes for line in shape], marks)
+    lines = [line for shape in shapes for line in shape]
+    box = box_of(*lines, *(mark.place for mark in marks), margin=1.2 * max(arm.radii))
+    box = widened(box, obstacles_of(result), NEAR * arm.model.scene.manipulator.length)
     shades = _shades(replay.t)
     # A gap for the names of the axes in space, of which the layout does not know.
     grid = made.add_gridspec(3, 1, height_ratios=(2.0, 0.1, 1))
@@ -140,10 +142,6 @@ def draw_space(made: Any, result: PlanResult) -> None:
     if seen:
         handles, names = [*handles, obstacle_key()], [*names, "obstacle"]
     made.legend(handles, names, loc="outside lower center", ncols=4)
-
-
-def _box(arm: Arm, lines: list[Array], marks: list[Mark]) -> Array:
-    return box_of(*lines, *(mark.place for mark in marks), margin=1.2 * max(arm.radii))
 
 
 def _frame(axes: Axes, box: Array, hangs: bool) -> None:
