@@ -40,12 +40,19 @@ def main() -> None:
         print(f"{name}  " + "  ".join(f"{number:12.2f}" for number in numbers))
 
 
-def save(figure: Figure, path: Path, colours: int = COLOURS) -> None:
-    """A small PNG, of so many colours."""
+def save(
+    figure: Figure,
+    path: Path,
+    colours: int = COLOURS,
+    method: Image.Quantize = Image.Quantize.MEDIANCUT,
+) -> None:
+    """A small PNG, of so many colours; `method` finds them."""
     whole = io.BytesIO()
     figure.savefig(whole, dpi=DOTS)
     with Image.open(whole) as image:
-        image.convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(path, optimize=True)
+        image.convert("RGB").quantize(colours, method, dither=Image.Dither.NONE).save(
+            path, optimize=True
+        )
     print(path)
 
 

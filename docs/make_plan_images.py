@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from make_motion_images import ROOT, save
+from PIL import Image
 
 from softmpc.cli.common import progress
 from softmpc.planning.scene_table import plan_file
@@ -20,7 +21,8 @@ def main() -> None:
         result = plan_file(ROOT / "examples" / "plan_swing.toml", progress=report)
     error = 100 * result.cost_error / result.time
     print(f"{result.status}: {result.time:.4f} s, changed by {error:.2g} % on the last mesh")
-    save(draw_plan(result), folder / "plan_swing.png", colours=256)
+    # Median cut leaves the colours of time too few.
+    save(draw_plan(result), folder / "plan_swing.png", 256, Image.Quantize.FASTOCTREE)
     save(draw_refinement(result), folder / "plan_refinement.png")
     for path in animate_plan(result, folder / "plan_swing.gif"):
         print(path)
