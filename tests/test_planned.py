@@ -13,7 +13,7 @@ import pytest
 from plans import simulated_plan, still_plan, write_plan
 
 from softmpc.control.baselines import FeedForward
-from softmpc.control.closed_loop import Controller, close_loop
+from softmpc.control.closed_loop import Controller, close_loop, start_at
 from softmpc.control.compare import BASELINES, OF_PLAN, controllers_of
 from softmpc.control.controller_table import ControllerSettings
 from softmpc.control.guide import PlanGuide
@@ -21,7 +21,13 @@ from softmpc.control.objective import Objective
 from softmpc.control.planned import read_planned
 from softmpc.control.planned_start import is_at_rest
 from softmpc.control.track_result import TrackResult
-from softmpc.control.tracking import Setup, read_tracking, set_up, without_feed_forward
+from softmpc.control.tracking import (
+    Setup,
+    read_track_file,
+    read_tracking,
+    set_up,
+    without_feed_forward,
+)
 from softmpc.errors import SceneError
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
@@ -165,6 +171,31 @@ def loop(setup: Setup, controller: Controller | None, duration: float) -> TrackR
 def swing_arrays(plan: Path) -> dict[str, np.ndarray]:
     with np.load(plan) as file:
         return {name: file[name] for name in file.files if name != "about"}
+
+
+@pytest.mark.slow
+def test_the_scene_that_comes_with_a_plan(model: Model, tmp_path: Path) -> None:
+    """What the planner stores is read, and its scene for `softmpc track` follows it."""
+    from softmpc.planning.goals import Goal, Start
+    from softmpc.planning.plan_files import save_plan
+    from softmpc.planning.planner import PlanSettings
+    from softmpc.planning.planner import plan as find_plan
+    from softmpc.planning.problem import PlanProblem
+    from softmpc.statics.targets import Position
+
+    start = start_at(model, find_equilibrium(model, model.drive.static_gain @ BEFORE))
+    place = np.asarray(model.tip(start.x[: model.strains])).ravel() + [0.04, 0.03, 0.0]
+    goal = Goal((Position(tuple(place.tolist())),))
+    problem = PlanProblem(model, Start(start.x, start.u), (goal,), "jerk", 0.4)
+    found = find_plan(problem, PlanSettings(intervals=8, most_intervals=16), executor=1)
+    save_plan(found, tmp_path)
+    _, scene, task = read_track_file(tmp_path / "track.toml")
+    setup = set_up(scene, task)
+    run = setup.run(setup.controller)
+    assert run.time[-1] == pytest.approx(found.time + 1.0, abs=STEP)
+    assert run.failures == 0 and run.error.max() < 1e-3
+    end = np.linalg.norm(run.tip[-1] - place)
+    assert end < 5e-4
 
 
 # ---------------------------------------------------------------- feed-forward

@@ -101,28 +101,19 @@ def least_plan(folder: Path, scene: Any, least: str) -> Path:
     from softmpc.control.closed_loop import start_at
     from softmpc.model.model import build
     from softmpc.planning.goals import Goal, Start
+    from softmpc.planning.plan_files import save_plan
     from softmpc.planning.planner import plan
     from softmpc.planning.problem import PlanProblem
     from softmpc.statics.inverse import InverseStatics
     from softmpc.statics.targets import Position
-    from tests.plans import write_plan
 
     model = build(scene)
     start = start_at(model, InverseStatics(model).solve(Position(START)).posture)
     goal = Goal((Position(tuple((np.array(START) + WAY).tolist())),))
     duration = None if least == "time" else DURATION
     problem = PlanProblem(model, Start(start.x, start.u), (goal,), least=least, duration=duration)
-    found = plan(problem, executor=1)
-    replay = found.replay
-    assert replay is not None
-    return write_plan(
-        folder,
-        {
-            "t": found.t, "u": found.u, "x": found.x, "u_before": start.u,
-            "u_after": found.u_after, "samples_t": replay.t, "samples_tips": replay.tips,
-            "samples_x": replay.x, "samples_p": replay.pressures,
-        },
-    )  # fmt: skip
+    save_plan(plan(problem, executor=1), folder)
+    return folder / "plan.npz"
 
 
 def run(case: dict[str, Any], plan: Path, data: dict[str, Any]) -> tuple[Any, float]:
