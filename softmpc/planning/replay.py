@@ -66,7 +66,7 @@ class Replayer:
             self._integrator, profile, x[0], np.concatenate([times, later])
         )
         tips = self.tips(states)
-        pressures = self.pressures(states, profile(reached))
+        pressures = self.pressures(states, profile(reached + ROUNDING))  # at jumps, the new one
         during = reached <= t[-1] + ROUNDING
         nodes = np.arange(0, min(len(times), int(during.sum())), BETWEEN)
         planned = self.tips(x[: len(nodes)])
