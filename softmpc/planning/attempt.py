@@ -55,7 +55,7 @@ class Attempt:
     def __init__(
         self, problem: PlanProblem, counts: tuple[int, ...], more: Mapping[str, float] | None = None
     ) -> None:
-        self.problem = problem
+        self.problem, self.more = problem, dict(more or {})
         # The plan has an objective of its own, but a problem has a cost.
         ocp = Ocp(problem.model, sum(counts), NOMINAL, (Torque(),), problem.all_limits)
         self.t = t = Transcription(ocp, STAGES)
@@ -66,8 +66,8 @@ class Attempt:
         self.moment = Moment(start.x / t.x_scale, t.decisions(start.u), none)
         self.roll = Roller(self.mesh, self.moment)
         self.conditions = Conditions(self.mesh, self.moment, problem.goals, problem.rate)
-        if more:
-            self.conditions.tighten(more)
+        if self.more:
+            self.conditions.tighten(self.more)
 
     def from_guess(self, guess: Guess) -> Motion | None:
         """A motion under the inputs of a guess, or with the input before where there is none."""

@@ -193,7 +193,7 @@ class _Planner:
         return PlanResult(
             self.problem, status, reports, found, replay, tuple(self.levels), error,
             gives_way=gives_way(attempt, attempt.solved) if wrong else (),
-            held_by=held_by(attempt, attempt.solved), seconds=self._since(),
+            held_by=held_by(attempt, attempt.solved), seconds=self._since(), more=attempt.more,
         )  # fmt: skip
 
     def _again(self, found: Found, asked: Callable[[], bool]) -> Attempt:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,7 +57,8 @@ class PlanResult:
     """A plan in SI; see `status`.
 
     `cost_error` is by how much the cost changed when the mesh was last made twice as fine, NaN
-    where it never was. `gives_way` and `held_by` say what an infeasible problem lacks.
+    where it never was. `gives_way` and `held_by` say what an infeasible problem lacks. `more` is the
+    clearance (m) by obstacle that was asked for beside the margin, for what is between nodes.
     """
 
     problem: PlanProblem
@@ -69,6 +71,7 @@ class PlanResult:
     gives_way: tuple[GivesWay, ...] = ()
     held_by: tuple[str, ...] = ()
     seconds: float = 0.0
+    more: Mapping[str, float] = field(default_factory=dict)
     title: str = ""
 
     @property
