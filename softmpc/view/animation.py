@@ -40,7 +40,7 @@ class Film:
 
     `reference` (K×3, m) is the path of the tip, `goals` (N×3, m) are places, `obstacles` are those
     besides what the arm may touch. A film is `slow` times slower than the motion, and stays at its
-    end for `pause` seconds.
+    end for `pause` seconds; the arm is drawn `thick` times as thick as its envelope.
     """
 
     title: str = ""
@@ -49,6 +49,7 @@ class Film:
     obstacles: tuple[Obstacle, ...] = ()
     slow: float = 1.0
     pause: float = 0.0
+    thick: float = 0.6
 
     def words(self, time: float) -> str:
         """The title, the clock, and how slow it is."""
@@ -133,7 +134,7 @@ def _render(
         for section, way in enumerate(ways):
             way.set_data_3d(*gone[:, section].T)
         clock.set_text(film.words(time[k]))
-        frames.append(_snapshot(made, axes, shape, [0.6 * radius for radius in arm.radii]))
+        frames.append(_snapshot(made, axes, shape, [film.thick * radius for radius in arm.radii]))
         progress(done, len(picks))
     return frames
 

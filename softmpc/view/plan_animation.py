@@ -33,6 +33,7 @@ def animate_plan(
         obstacles=problem.obstacles,
         slow=slow or times_slower(float(replay.t[-1])),
         pause=PAUSE,
+        thick=1.0,  # obstacles are kept clear of all of it
     )
     return write_film(
         problem.model, replay.t, replay.x[:, : problem.model.strains], path, film, progress
