@@ -33,7 +33,8 @@ def reference_page() -> str:
     parts = [
         "# Scene files",
         "A scene file is TOML. Every table and key is optional; an unknown one is an error. "
-        "[`[track]`](mpc.md#the-table-track) and "
+        "[`[track]`](mpc.md#the-table-track), [`[rig]`](rig.md#the-table), "
+        "[`[plan]`](planning.md#the-table-plan) and "
         "[`[simulate]`](simulation.md#the-table-simulate) are described with their commands.",
         _table(WORDS, _top_rows()),
         "## [manipulator]",
