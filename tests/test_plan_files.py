@@ -23,7 +23,8 @@ from softmpc.planning.plan_files import load_plan, plan_summary, save_plan
 from softmpc.planning.planner import plan
 from softmpc.planning.problem import PlanProblem
 from softmpc.planning.result import FAILED, PlanResult
-from softmpc.simulation.run import simulate_file
+from softmpc.simulation.inputs import InputProfile
+from softmpc.simulation.run import simulate, simulate_file
 from softmpc.statics.targets import Position
 
 WALL: dict[str, Any] = {"kind": "plane", "point": [-0.12, 0.0, 0.0], "normal": [1.0, 0.0, 0.0]}
@@ -140,6 +141,19 @@ def test_the_summary_names_its_origin(result: PlanResult, folder: Path) -> None:
     hashes = {plan_summary(replace(result, problem=one))["scene_sha256"]
               for one in (result.problem, other)}  # fmt: skip
     assert len(hashes) == 2 and data["scene_sha256"] in hashes
+
+
+def test_an_arm_in_motion_is_brought_to_rest(result: PlanResult, tmp_path: Path) -> None:
+    """From a state of a simulation, in less time than it would take by itself."""
+    model, inputs = result.problem.model, InputProfile.constant([0.5, 0.0, 0.0])
+    simulate(model, inputs, 0.06, method="idas", start="straight").save(tmp_path)
+    planning = read(tmp_path, start={"state": "simulation.npz"}, goals=[{"rest": True}])
+    found = plan(planning.problem(), planning.settings)
+    assert found.solved and found.replay is not None and found.replay.drift < 3e-4
+    rates = found.replay.x[:, model.strains : 2 * model.strains] / model.layout.dq.scale
+    assert np.abs(rates[0]).max() > 100 * np.abs(rates[-1]).max()
+    alone = simulate(model, inputs, 3 * found.time, start=found.replay.x[0], method="idas")
+    assert alone.tip_speeds[-1, -1] > 0.02  # m/s
 
 
 # ---------------------------------------------------------------- what files do not know
