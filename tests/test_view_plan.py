@@ -30,7 +30,15 @@ from softmpc.planning.giving_way import GivesWay
 from softmpc.planning.goals import Goal, Start
 from softmpc.planning.problem import PlanProblem
 from softmpc.planning.replay import Replay
-from softmpc.planning.result import FAILED, INFEASIBLE, SOLVED, Level, PlanResult, StartReport
+from softmpc.planning.result import (
+    FAILED,
+    INFEASIBLE,
+    NOT_VERIFIED,
+    SOLVED,
+    Level,
+    PlanResult,
+    StartReport,
+)
 from softmpc.statics.targets import Direction, Position
 from softmpc.view import animation
 from softmpc.view.arm import Arm
@@ -234,7 +242,7 @@ def test_the_tip_and_its_speed(swing: PlanResult, picture: Figure) -> None:
     space = next(axes for axes in picture.axes if hasattr(axes, "zaxis"))
     tips = swing.replay.tips[:, -1]
     ways = [np.array(one._segments3d) for one in space.collections if hasattr(one, "_segments3d")]
-    np.testing.assert_allclose(ways[0][:, 0], tips[:-1])
+    np.testing.assert_allclose(ways[0][:, 0], tips)
     speed = time_axes(picture)[-1].lines[0].get_ydata()
     length = np.linalg.norm(np.diff(tips, axis=0), axis=1).sum()
     assert (speed * np.diff(swing.replay.t)).sum() == pytest.approx(length)
@@ -270,6 +278,14 @@ def test_what_gives_way_is_named_at_its_time(swing: PlanResult) -> None:
     above = time_axes(made)[1].child_axes[0]
     assert [text.get_text() for text in above.get_xticklabels()] == ["c", "b, a"]
     assert above.get_xticks() == pytest.approx([0.09, 0.205])
+
+
+def test_a_replay_that_fails_at_once_is_drawn(swing: PlanResult, tmp_path: Path) -> None:
+    whole = swing.replay
+    parts = {name: getattr(whole, name)[:1] for name in ("t", "x", "tips", "pressures")}
+    short = replace(swing, replay=replace(whole, status="failed", **parts), status=NOT_VERIFIED)
+    check(draw_plan(short))
+    assert animate_plan(short, tmp_path / "plan.gif")[0].is_file()
 
 
 def test_without_a_motion_only_the_starts_are_drawn(swing: PlanResult, tmp_path: Path) -> None:

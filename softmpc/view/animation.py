@@ -95,7 +95,7 @@ def write_film(
     frames = _render(model, time, q, picks, film, progress or (lambda *_: None))
     seconds = lasts / max(count - 1, 1)
     if film.pause:
-        frames += frames[-1:] * round(film.pause / seconds)
+        frames += frames[-1:] * round(film.pause / max(seconds, STEP / 2))
     with replacing(path) as beside:
         _write_gif(frames, beside, seconds)
     log.info("wrote %s", path)

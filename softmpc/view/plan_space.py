@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 POSTURES = 7
-FRONT, ZOOM = (16, -64), 1.0  # elevation and azimuth (deg)
+FRONT, ZOOM = (16, -64), 0.97  # elevation and azimuth (deg)
 PALE = 0.35  # colour of a tube
 ARROW = 0.12  # lengths of the arm
 START: dict[str, Any] = {
@@ -121,9 +121,9 @@ def draw_space(made: Any, result: PlanResult) -> None:
     lines = [line for shape in shapes for line in shape]
     box = box_of(*lines, *(mark.place for mark in marks), margin=1.2 * max(arm.radii))
     box = widened(box, obstacles_of(result), NEAR * arm.model.scene.manipulator.length)
-    shades = _shades(replay.t)
+    shades = _shades(result.t)
     # A gap for the names of the axes in space, of which the layout does not know.
-    grid = made.add_gridspec(3, 1, height_ratios=(2.0, 0.1, 1))
+    grid = made.add_gridspec(3, 1, height_ratios=(2.0, 0.2, 1))
     room = space(made, grid[0], box, arm.hangs, FRONT, ZOOM)
     flat = made.add_subplot(grid[2])
     seen = draw_obstacles(room, obstacles_of(result), box)
@@ -181,8 +181,8 @@ def _draw_way(axes: Any, replay: Replay, shades: ScalarMappable, size: int) -> N
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     way, time = thinned(replay.tips[:, -1, :size]), thinned(replay.t)
-    pieces: Any = np.stack([way[:-1], way[1:]], axis=1)
-    look: dict[str, Any] = {"colors": shades.to_rgba(time[:-1]), "linewidths": 1.4, "zorder": 9}
+    pieces: Any = np.stack([way, np.vstack([way[1:], way[-1:]])], axis=1)
+    look: dict[str, Any] = {"colors": shades.to_rgba(time), "linewidths": 1.4, "zorder": 9}
     if size == 3:
         axes.add_collection3d(Line3DCollection(pieces, **look))
     else:
