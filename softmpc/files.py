@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,10 +14,7 @@ from softmpc.errors import InputError
 
 __all__ = ["as_json", "reading_npz", "replacing"]
 
-BROKEN = (
-    AttributeError, EOFError, KeyError, OSError, TypeError, ValueError,
-    zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
+BROKEN = AttributeError, EOFError, KeyError, OSError, TypeError, ValueError
 
 
 @contextmanager
@@ -51,7 +46,10 @@ def reading_npz(
     Raises `InputError` for a file that is missing, broken, of another kind or of another schema,
     also where that shows only in the block.
     """
-    import numpy as np  # here, because `files` is imported by all
+    import zipfile  # these are here, because `files` is imported by all
+    import zlib
+
+    import numpy as np
 
     try:
         if os.path.exists(path) and not zipfile.is_zipfile(path):
@@ -67,7 +65,7 @@ def reading_npz(
         raise InputError(f"{path}: no such file") from None
     except InputError:
         raise
-    except BROKEN as error:
+    except (*BROKEN, zipfile.BadZipFile, zlib.error) as error:
         reason = f"it has no {error}" if isinstance(error, KeyError) else error
         raise InputError(f"{path}: is not a saved {what}: {reason}") from None
 
