@@ -156,6 +156,29 @@ def test_an_arm_in_motion_is_brought_to_rest(result: PlanResult, tmp_path: Path)
     assert alone.tip_speeds[-1, -1] > 0.02  # m/s
 
 
+DRIVES: dict[str, tuple[dict[str, Any], str]] = {
+    "pressure": (
+        {"torque_rate": None, "pressure_rate": 20.0, "start": {"pressures": [0.2, 0, 0]}},
+        "t [s],P_1 [MPa],P_2 [MPa],P_3 [MPa]",
+    ),
+    "hydraulic": ({}, "t [s],T_1 [N·m],T_2 [N·m],T_3 [N·m]"),
+}
+
+
+@pytest.mark.parametrize("kind", DRIVES)
+def test_plans_of_other_drives(kind: str, tmp_path: Path) -> None:
+    keys, header = DRIVES[kind]
+    planning = read(tmp_path, {"actuation": {"kind": kind}}, **keys)
+    found = plan(planning.problem(), planning.settings)
+    assert found.solved and found.replay is not None
+    save_plan(found, tmp_path)
+    assert_same(load_plan(tmp_path), found)
+    assert (tmp_path / "replay.csv").read_text().splitlines()[0] == header
+    motion = simulate_file(tmp_path / "replay.toml")
+    assert motion.tips[-1] == pytest.approx(found.replay.tips[-1], abs=1e-7)
+    assert motion.p[-1] == pytest.approx(found.replay.pressures[-1], abs=1.0)
+
+
 # ---------------------------------------------------------------- what files do not know
 
 

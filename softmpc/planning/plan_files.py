@@ -43,6 +43,7 @@ PARTS: dict[str, Any] = {
 PARTS |= {kind.__name__: kind for kind in OBSTACLES.values()}
 PARTS |= {name: getattr(limits, name) for name in limits.__all__ if name.endswith("Limit")}
 PARTS |= {kind.__name__: kind for kind in (limits.TipBox, limits.TipCone)}
+RECORDS: dict[str, type] = {"starts": StartReport, "levels": Level, "gives_way": GivesWay}
 SAMPLED = {"t": "samples_t", "x": "samples_x", "tips": "samples_tips", "pressures": "samples_p"}
 SAMPLES = 1e-3  # s, between those of the replay's simulation at most
 MPA = 1e6
@@ -102,18 +103,13 @@ def load_plan(path: str | os.PathLike[str], problem: PlanProblem | None = None) 
             )
         samples = {field: arrays[name] for field, name in SAMPLED.items()}
         moves = {f.name: arrays[f.name] for f in fields(Found) if f.name in arrays}
+        rest: dict[str, Any] = {name: _all(kind, about[name]) for name, kind in RECORDS.items()}
         return PlanResult(
-            problem or _problem(about["problem"], arrays),
-            about["status"],
-            _all(StartReport, about["starts"]),
-            Found(**moves, **_tuples(about["found"])),
-            Replay(**samples, **_tuples(about["replay"])),
-            _all(Level, about["levels"]),
-            about["cost_error"],
-            _all(GivesWay, about["gives_way"]),
-            tuple(about["held_by"]),
-            about["seconds"],
-            about["title"],
+            problem=problem or _problem(about["problem"], arrays),
+            found=Found(**moves, **_tuples(about["found"])),
+            replay=Replay(**samples, **_tuples(about["replay"])),
+            **rest,
+            **_tuples({name: about[name] for name in _others()}),
         )
 
 
@@ -136,11 +132,16 @@ def _arrays(result: PlanResult, replay: Replay) -> dict[str, Array]:
 
 def _about(result: PlanResult) -> dict[str, Any]:
     about: dict[str, Any] = {"schema": SCHEMA, "softmpc": __version__}
-    about |= {name: getattr(result, name) for name in ("title", "status", "cost_error", "seconds")}
+    about |= {name: getattr(result, name) for name in _others()}
+    about |= {name: [vars(one) for one in getattr(result, name)] for name in RECORDS}
     about |= {name: _without_arrays(getattr(result, name)) for name in ("found", "replay")}
-    for name in ("starts", "levels", "gives_way"):
-        about[name] = [vars(one) for one in getattr(result, name)]
-    return about | {"held_by": list(result.held_by), "problem": _described(result.problem)}
+    return about | {"problem": _described(result.problem)}
+
+
+def _others() -> list[str]:
+    """Fields of a result that are plain data."""
+    known = "problem", "found", "replay", *RECORDS
+    return [f.name for f in fields(PlanResult) if f.name not in known]
 
 
 def _number(value: Any) -> Any:
