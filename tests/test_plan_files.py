@@ -143,6 +143,20 @@ def test_the_summary_names_its_origin(result: PlanResult, folder: Path) -> None:
     assert len(hashes) == 2 and data["scene_sha256"] in hashes
 
 
+def test_the_next_plan_starts_where_one_ends(result: PlanResult, folder: Path) -> None:
+    replay = result.replay
+    assert replay is not None
+    for time, x, u in (
+        (None, replay.x[-1], result.u[-1]),
+        (0.0, replay.x[0], result.problem.start.u),
+        (result.t[3], replay.x[24], result.u[2]),
+        (result.t[3] + 1e-4, replay.x[24], result.u[2]),  # the sample before
+    ):
+        state = {"state": "plan.npz"} if time is None else {"state": "plan.npz", "time": time}
+        start = read(folder, start=state).problem().start
+        assert np.array_equal(start.x, x) and np.array_equal(start.u, u)
+
+
 def test_an_arm_in_motion_is_brought_to_rest(result: PlanResult, tmp_path: Path) -> None:
     """From a state of a simulation, in less time than it would take by itself."""
     model, inputs = result.problem.model, InputProfile.constant([0.5, 0.0, 0.0])
