@@ -122,13 +122,13 @@ class Attempt:
             u=(at.u * t.u_scale)[:, : t.inputs],
             x=np.vstack([self.problem.start.x, at.x * t.x_scale]),
             a=at.a * t.a_scale,
-            cost=self.objective.amount(motion) * self._unit,
+            cost=self.objective.amount(motion) * self.cost_unit,
             converged=solved.converged,
             met=solved.met,
             iterations=solved.iterations,
         )
 
     @cached_property
-    def _unit(self) -> float:
+    def cost_unit(self) -> float:
         """SI over scaled cost; all inputs have one scale."""
         return 1.0 if self.problem.least == "time" else float(self.t.u_scale[0]) ** 2

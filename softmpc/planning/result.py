@@ -57,7 +57,7 @@ class PlanResult:
     """A plan in SI; see `status`.
 
     `cost_error` is by how much the cost changed when the mesh was last made twice as fine, NaN
-    where it never was. `gives_way` and `held_by` say what an infeasible problem lacks. `more` is the
+    where it never was. `gives_way` and `held_by` say what an infeasible problem lacks. `more` is
     clearance (m) by obstacle that was asked for beside the margin, for what is between nodes.
     """
 

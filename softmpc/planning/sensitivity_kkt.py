@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import linalg, sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from softmpc.planning.attempt import Attempt
 from softmpc.planning.sensitivity_constraints import Constraints, Multipliers
@@ -57,14 +57,14 @@ class Kkt:
         return count, others, self.here.D[:count].tocsc()[:, others]
 
     @cached_property
-    def _by_states(self) -> object:
+    def _by_states(self) -> SuperLU:
         count = self._steps[0]
         return splu(self.here.D[:count].tocsc()[:, self.states])
 
     @cached_property
     def _follow(self) -> Array:
         """All moves as others of them determine it, dense."""
-        count, others, by_others = self._steps
+        _, others, by_others = self._steps
         found = np.zeros((self.H.shape[0], len(others)))
         found[others, np.arange(len(others))] = 1.0
         found[self.states] = -self._by_states.solve(by_others.toarray())
@@ -92,7 +92,9 @@ class Kkt:
     def _free(self) -> tuple[Array, Array]:
         """Curvatures among the moves that are left free, and these moves."""
         Z = self._factors[3]
-        return linalg.eigh(Z.T @ self._curved @ Z) if Z.shape[1] else (np.zeros(0), np.zeros((0, 0)))
+        return (
+            linalg.eigh(Z.T @ self._curved @ Z) if Z.shape[1] else (np.zeros(0), np.zeros((0, 0)))
+        )
 
     @property
     def freedom(self) -> int:
@@ -123,7 +125,7 @@ class Kkt:
         return self._solve(gradient, d, left, yields)
 
     def _solve(self, f: Array, d: Array, left: Array, yields: Array) -> tuple[Array, Multipliers]:
-        count, others, _ = self._steps
+        count = self._steps[0]
         Q, R, kept, Z = self._factors
         S, H = self._follow, self._curved
         start = np.zeros(len(f))
