@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from pages import ROOT
 from small_plans import GOAL, write
 
 from softmpc.cli.main import main
+from softmpc.control.clearance import arm_clearance
 from softmpc.planning import planner, scene_table
 from softmpc.planning.plan_files import load_plan
 from softmpc.planning.result import INTERRUPTED
+from softmpc.simulation.run import simulate_file
+from softmpc.statics.targets import Position
 
 OUT_OF_REACH: dict[str, Any] = {"goals": [{"tip": [0.2, 0.0, 0.15]}]}
 
@@ -123,3 +127,21 @@ def test_starts_that_are_done_are_kept(tmp_path: Path, monkeypatch: pytest.Monke
     assert done.exit_code == 130, done.output
     kept = load_plan(tmp_path / "out")
     assert kept.status == INTERRUPTED and 1 <= len(kept.starts) < 9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["plan_swing", "plan_waypoints"])
+def test_examples_are_what_they_say(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Simulated again, with other samples, they end at the goal and keep clear within 1 mm."""
+    monkeypatch.delenv("SOFTMPC_COMPILE")  # as people run them
+    done = softmpc(ROOT / "examples" / f"{name}.toml", "--out", tmp_path, "--no-animate")
+    assert done.exit_code == 0, done.output
+    problem = load_plan(tmp_path).problem
+    motion = simulate_file(tmp_path / "replay.toml")
+    place = problem.goals[-1].targets[0]
+    assert isinstance(place, Position)
+    assert motion.tips[-1, -1] == pytest.approx(place.place, abs=1e-3)
+    clear = arm_clearance(problem.model, problem.obstacles, places=150)(motion.q).clearance
+    assert clear.min() > problem.margin - 1e-3
