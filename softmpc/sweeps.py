@@ -52,7 +52,7 @@ def sweep(
     `chunk`: how many cases a worker does at once, by default a 64th of them, 1 to 32.
     `keep`: a file for the results of finished chunks; the same sweep, with the same file, goes on
     from there. `progress(cases done, cases)` is called as chunks finish, and before it
-    `arrived(i, result)` for each of their cases: what there is when the sweep is interrupted.
+    `arrived(i, result)` for each of their cases: all that there is when the sweep is interrupted.
 
     The first error of `work` ends the sweep: an `InputError` where it is one, else a `SweepError`,
     both with the case in front; so does a case that kills its worker every time. Raises
@@ -67,7 +67,9 @@ def sweep(
     results = file.results if file else {}
     left = [one for one in chunks if one.number not in results]
     done = len(given) - sum(len(one.cases) for one in left)
-    report = progress or _nobody
+    report, tell = progress or _nobody, partial(_each, arrived or _nobody)
+    for one in chunks:
+        tell(one.first, results.get(one.number, []))
     report(done, len(given))
     with closing(_finished(work, left, executor)) as finished:
         for one, outcome in finished:
@@ -76,9 +78,7 @@ def sweep(
             if file:
                 file.add(one, outcome)
             results[one.number] = [json.loads(text) for text in outcome]
-            if arrived:
-                for i, result in enumerate(results[one.number], one.first):
-                    arrived(i, result)
+            tell(one.first, results[one.number])
             done += len(one.cases)
             report(done, len(given))
     return [result for one in chunks for result in results[one.number]]
@@ -91,8 +91,14 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-def _nobody(done: float, total: float) -> None:
+def _nobody(*_: Any) -> None:
     """Progress that nobody wants to see."""
+
+
+def _each(arrived: Callable[[int, Any], None], first: int, results: Sequence[Any]) -> None:
+    """Tell of the results of a chunk."""
+    for i, result in enumerate(results, first):
+        arrived(i, result)
 
 
 def _check_executor(executor: Any) -> None:

@@ -129,6 +129,27 @@ def test_results_are_in_the_order_of_the_cases() -> None:
     assert seen == sorted(seen)
 
 
+@pytest.mark.parametrize("executor", [1, 2])
+def test_results_are_told_as_they_arrive(executor: int, tmp_path: Path) -> None:
+    """Also those of an earlier sweep; an interrupt in between loses none."""
+    arrived: dict[int, int] = {}
+
+    def interrupt(done: float, total: float) -> None:
+        if done == 4:
+            raise KeyboardInterrupt
+
+    how = {"executor": executor, "chunk": 2, "keep": tmp_path / "kept"}
+    with pytest.raises(KeyboardInterrupt):
+        sweep(
+            sweep_work.slow_first, range(9), **how, progress=interrupt,
+            arrived=arrived.__setitem__,
+        )  # fmt: skip
+    assert len(arrived) == 4 and all(case == result for case, result in arrived.items())
+    again: dict[int, int] = {}
+    sweep(sweep_work.slow_first, range(9), **how, arrived=again.__setitem__)
+    assert list(again)[:4] == sorted(arrived) and again == {i: i for i in range(9)}
+
+
 def test_results_are_plain() -> None:
     expected = [{"array": [0.0, 1 / 3], "number": 2.0, "pair": [2, None]}]
     for workers in (1, 2):
