@@ -14,6 +14,7 @@ from softmpc.control.planned_start import is_at_rest
 from softmpc.errors import BuildError, InputError, SceneError
 from softmpc.model.model import build
 from softmpc.model.obstacles import Box, Plane, Sphere
+from softmpc.model.scene_file import scene_from_dict
 from softmpc.planning.goals import Goal
 from softmpc.planning.planner import PlanSettings, plan
 from softmpc.planning.scene_table import read_plan_file, read_planning
@@ -158,6 +159,14 @@ def test_changes_go_before_the_file() -> None:
     assert (planning.least, planning.duration) == ("jerk", 2.0)
     with pytest.raises(SceneError, match=r"figure_eight.toml: \[plan\] is missing"):
         read_plan_file("examples/figure_eight.toml")
+
+
+@pytest.mark.parametrize("name", ["goals", "obstacles"])
+def test_tables_at_the_top_of_the_file(name: str) -> None:
+    with pytest.raises(
+        SceneError, match=rf"\[{name}\] at the top of the file: write \[\[plan.{name}"
+    ):
+        scene_from_dict({name: [{}]})
 
 
 # ---------------------------------------------------------------- what makes no sense
