@@ -188,20 +188,23 @@ class _Planner:
             better = attempt.improve(motion, lambda _: asked())
             error = abs(better.cost - found.cost) if counts != found.counts else error
             found, seconds = better, time.perf_counter() - began
-        attempt = attempt or self._again(found, asked)
-        wrong = status == INFEASIBLE
+        attempt = attempt or self._again(found)
+        gave_way = gives_way(attempt, attempt.solved) if status == INFEASIBLE else ()
+        if attempt.solved.step is None and not asked():
+            # What holds it shows in a program around it.
+            attempt.improve(attempt.solved.motion, lambda done: done > 0)
         return PlanResult(
             self.problem, status, reports, found, replay, tuple(self.levels), error,
-            gives_way=gives_way(attempt, attempt.solved) if wrong else (),
-            held_by=held_by(attempt, attempt.solved), seconds=self._since(), more=attempt.more,
+            gives_way=gave_way, held_by=held_by(attempt, attempt.solved),
+            seconds=self._since(), more=attempt.more,
         )  # fmt: skip
 
-    def _again(self, found: Found, asked: Callable[[], bool]) -> Attempt:
+    def _again(self, found: Found) -> Attempt:
         """The attempt behind a motion that came from another process."""
         attempt = Attempt(self.problem, found.counts)
         motion = attempt.from_plan(found)
-        if motion is not None:
-            attempt.improve(motion, lambda _: asked())
+        assert motion is not None  # it is one already
+        attempt.improve(motion, lambda _: True)
         return attempt
 
     def _note(self, found: Found, replay: Replay, seconds: float) -> None:
