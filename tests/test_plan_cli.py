@@ -59,6 +59,7 @@ def test_what_gives_way_is_named(tmp_path: Path) -> None:
     done = softmpc(write(tmp_path, **OUT_OF_REACH), "--out", tmp_path / "out", "--no-animate")
     assert done.exit_code == 3
     assert "gives way: goal 1: position of section tip 1 by" in done.stderr
+    assert "in the way: " in done.stderr
     assert "gives way " in done.stdout and "position of section tip 1, by" in done.stdout
     kept = load_plan(tmp_path / "out")  # the nearest
     assert kept.status == "infeasible" and kept.gives_way[0].amount > 0.01

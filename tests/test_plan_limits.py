@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 from arms import MIXED, model_of
 from oracles.moving_bodies import section_ends
+from small_plans import read
 
 from softmpc.control.limits import Limit, TipBox, TipCone
 from softmpc.control.stage import Stage
 from softmpc.errors import InputError
+from softmpc.planning.planner import plan
 
 MODEL = model_of(MIXED)
 LENGTHS = [section.length for section in MIXED.sections]
@@ -78,3 +81,30 @@ def test_slopes_of_a_cone_are_those_of_differences() -> None:
 def test_limits_that_make_no_sense(make: Any, said: str) -> None:
     with pytest.raises(InputError, match=said):
         make()
+
+
+IN_THE_WAY: dict[str, tuple[dict[str, Any], str]] = {
+    "box": ({"kind": "tip_box", "axis": "x", "high": 0.01}, "tip_x"),
+    "cone": ({"kind": "tip_cone", "axis": [-0.3, 0, 1], "angle": 20.0}, "angle of tip direction"),
+}
+
+
+@pytest.mark.parametrize("kind", IN_THE_WAY)
+def test_a_limit_in_the_way_of_a_goal_is_named(kind: str) -> None:
+    """The goal gives way, the limit holds in the simulation, and the nearest is at it."""
+    row, name = IN_THE_WAY[kind]
+    planning = read(Path(), limits=[row])
+    found = plan(planning.problem(), planning.settings)
+    assert found.status == "infeasible" and found.held_by[0] == name
+    assert found.gives_way[0].name == "goal 1: position of section tip 1"
+    assert found.replay is not None and found.gives_way[0].time == pytest.approx(found.time)
+    length = planning.model.scene.manipulator.length
+    ends = [section_ends([length], q) for q in found.replay.x[:, : planning.model.strains]]
+    if kind == "box":
+        values = np.array([places[-1][0] for places, _ in ends]) - 0.01
+        assert found.gives_way[0].amount == pytest.approx(0.02, abs=2e-3)  # from 0.01 to 0.03
+    else:
+        aim = np.array([-0.3, 0, 1]) / np.linalg.norm([-0.3, 0, 1])
+        angles = [angle_between(turns[-1][:, 2], aim) for _, turns in ends]
+        values = np.array(angles) - np.radians(20.0)
+    assert -1e-3 < values[-1] < 1e-3 and values.max() < 1e-2

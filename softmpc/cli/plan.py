@@ -103,8 +103,9 @@ def _judge(result: PlanResult) -> tuple[int, str]:
         kept = "; the best motion until then is kept" if result.found is not None else ""
         return INTERRUPTED, f"interrupted{kept}"
     if result.status == INFEASIBLE:
-        worst = f": {result.gives_way[0]}" if result.gives_way else ""
-        return NOT_CONVERGED, f"no motion meets all that is asked; gives way{worst}"
+        worst = f"; gives way: {result.gives_way[0]}" if result.gives_way else ""
+        held = f"; in the way: {result.held_by[0]}" if result.held_by else ""
+        return NOT_CONVERGED, f"no motion meets all that is asked{worst}{held}"
     if result.status == FAILED:
         return NOT_CONVERGED, f"none of {len(result.starts)} starts led to a motion"
     said = {
