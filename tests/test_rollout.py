@@ -52,7 +52,7 @@ def test_both_ways_end_in_one_trajectory(
     w = broken(t, moment, 0.01)
     assert defects(linearisation, moment, w) > 0.1
     monkeypatch.setattr(module, "AT_ONCE", 1e-8)
-    monkeypatch.setattr(Rollout, "_one_by_one", lambda *_: None)
+    monkeypatch.setattr(Rollout, "one_by_one", lambda *_: None)
     at_once = Rollout(t, linearisation)(moment, w)
     monkeypatch.undo()
     one_by_one = Rollout(t)(moment, w)

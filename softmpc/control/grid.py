@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from softmpc.control.discretise import held_input
+from softmpc.control.discretise import held_inputs
 from softmpc.control.step_form import StepForm
 from softmpc.model.model import Model
 from softmpc.simulation.tableau import Tableau
@@ -41,11 +41,13 @@ class Grid:
         """Intervals of one length share their work."""
         all_of_them = np.asarray(lengths, float)
         each, which = np.unique(all_of_them, return_inverse=True)
-        kept = _stacked([StepForm.of(model, tableau, h) for h in each], which)
-        A, B = model.drive.A, model.drive.B
-        drives = [[held_input(A, B, c * h) for c in tableau.c] for h in each]
-        drive = [np.array([[pair[i] for pair in d] for d in drives])[which] for i in (0, 1)]
-        return cls(model, tableau, all_of_them, *kept, *drive)
+        forms = [StepForm.of(model, tableau, h) for h in each]
+        of_rate, to_strain, kept, to_rate = _stacked(forms, which)
+        drive = model.drive
+        times = np.multiply.outer(each, tableau.c)
+        held = held_inputs(drive.A, drive.B, times.ravel())
+        phi, gamma = (part.reshape(*times.shape, *part.shape[1:])[which] for part in held)
+        return cls(model, tableau, all_of_them, of_rate, to_strain, kept, to_rate, phi, gamma)
 
     @cached_property
     def by_length(self) -> tuple[Array, Array, Array]:

@@ -7,6 +7,7 @@ where the solver has fast functions for that and the trajectory is near enough, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +46,7 @@ class Rollout:
         bounds = (bound[: self.t.nu] for bound in self.t.variable_bounds())
         at = replace(at, u=np.clip(at.u, *bounds))
         found = self._at_once(moment, at)
-        return self._one_by_one(moment, at) if found is None else found
+        return self.one_by_one(moment, at, self.t.intervals) if found is None else found
 
     def _at_once(self, moment: Moment, at: Trajectory) -> Array | None:
         """Newton's method on all intervals, as long as each step makes the defects smaller."""
@@ -68,8 +69,10 @@ class Rollout:
                 break
         return None
 
-    def _one_by_one(self, moment: Moment, at: Trajectory) -> Array | None:
-        """Newton's method on each interval in turn.
+    def one_by_one(
+        self, moment: Moment, at: Trajectory, intervals: Sequence[Interval]
+    ) -> Array | None:
+        """Newton's method on each interval in turn; variables (N·nw), None where there are none.
 
         It begins at the given accelerations, and where that does not lead to a solution at those of
         the interval before, and at none.
@@ -77,7 +80,7 @@ class Rollout:
         t, u = self.t, at.u
         a, states = np.empty_like(at.a), np.empty_like(at.x)
         before, last = moment.x, np.zeros(t.na)
-        for k, interval in enumerate(t.intervals):
+        for k, interval in enumerate(intervals):
             disturbed = self._disturbed(moment.given[k])
             for guess in (at.a[k], last, np.zeros(t.na)):
                 found = self._step(interval, before, u[k], guess, *disturbed)

@@ -52,8 +52,8 @@ class Goal:
     """Targets for section tips at the end of a phase, and whether the arm rests there.
 
     `state` (nx, SI) fixes the whole posture and its rates instead, with `rest` under an input that
-    holds it; without it the arm is free to choose among the postures that meet the targets. `after` is the phase's duration (s), None
-    where the plan chooses it.
+    holds it; without it the arm is free to choose among the postures that meet the targets.
+    `after` is the phase's duration (s), None where the plan chooses it.
     """
 
     targets: tuple[Target, ...] = ()

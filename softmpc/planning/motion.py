@@ -8,6 +8,8 @@ import numpy as np
 from scipy import sparse
 
 from softmpc.control.dynamics import Dynamics, Steps
+from softmpc.control.interval import Interval, Scales
+from softmpc.control.rollout import Rollout
 from softmpc.control.trajectory import Moment, Trajectory
 from softmpc.planning.mesh import Mesh
 
@@ -15,7 +17,7 @@ __all__ = ["Motion", "Roller", "equations"]
 
 TOLERANCE = 1e-9  # of scaled defects
 MOST = 8  # Newton iterations
-HOPELESS = 1e6  # of a scaled defect
+HOPELESS = 1e3  # of a scaled defect
 
 Array = np.ndarray
 
@@ -36,15 +38,24 @@ class Motion:
 
 
 class Roller:
-    """Makes motions on one mesh: Newton's method on all intervals at once."""
+    """Makes motions on one mesh: Newton's method on all intervals at once, else one by one."""
 
     def __init__(self, mesh: Mesh, moment: Moment, mode: str = "auto") -> None:
         self.mesh, self.moment = mesh, moment
         self.dynamics = Dynamics(mesh.t, mode)
+        self._rollout = Rollout(mesh.t)
 
     def __call__(self, guess: Trajectory, durations: Array) -> Motion | None:
         """The motion under the guess's inputs; None where Newton's method finds none."""
-        self.dynamics.use(self.mesh.phases.lengths(durations))
+        lengths = self.mesh.phases.lengths(durations)
+        self.dynamics.use(lengths)
+        found = self._at_once(guess, durations)
+        if found is not None:
+            return found
+        w = self._rollout.one_by_one(self.moment, guess, self._intervals(lengths))
+        return None if w is None else self._at_once(Trajectory.of(self.mesh.t, w), durations)
+
+    def _at_once(self, guess: Trajectory, durations: Array) -> Motion | None:
         at, still = guess, (np.zeros_like(self.moment.x), np.zeros_like(guess.u))
         for _ in range(MOST):
             try:
@@ -59,6 +70,11 @@ class Roller:
             dx = steps.free(still[0])
             at = Trajectory(at.u, at.a + steps.stages(still[0], dx, still[1]), at.x + dx)
         return None
+
+    def _intervals(self, lengths: Array) -> list[Interval]:
+        t = self.mesh.t
+        scales = Scales(t.x_scale, t.u_scale, t.a_scale)
+        return [Interval(t.model, t.tableau, scales, float(h)) for h in lengths]
 
     def moved(self, motion: Motion, v: Array) -> Motion | None:
         """The motion after the moves v of a quadratic program around `motion`."""

@@ -180,11 +180,12 @@ class _Planner:
             if status:
                 break
             began = time.perf_counter()
-            attempt = Attempt(self.problem, counts, self.more)
-            motion = attempt.from_plan(found)
+            finer = Attempt(self.problem, counts, self.more)
+            motion = finer.from_plan(found)
             if motion is None:
                 status = NOT_VERIFIED
                 break
+            attempt = finer
             better = attempt.improve(motion, lambda _: asked())
             error = abs(better.cost - found.cost) if counts != found.counts else error
             found, seconds = better, time.perf_counter() - began

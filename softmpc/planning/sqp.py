@@ -114,7 +114,8 @@ class Sqp:
                     trust = 0.5 * max(size, 0.2 * trust)
             else:
                 trust = 0.4 * min(size, trust)
-        return Solved(motion, rows, cost, converged, done, step, used)
+        stuck = trust < LEAST_TRUST  # nothing better within reach of the arithmetic
+        return Solved(motion, rows, cost, converged or stuck, done, step, used)
 
     def _small(self, cost: float, size: float, trust: float) -> float:
         """A promise that is not worth another iteration; what a short leash promises is more."""

@@ -48,9 +48,12 @@ class FirstMesh:
     def problem(self) -> PlanProblem:
         return self.portable.problem()
 
+    @cached_property
+    def attempt(self) -> Attempt:
+        return Attempt(self.problem, (self.intervals,) * len(self.problem.goals))
+
     def __call__(self, guess: Guess) -> dict[str, Any]:
-        began = time.perf_counter()
-        attempt = Attempt(self.problem, (self.intervals,) * len(self.problem.goals))
+        began, attempt = time.perf_counter(), self.attempt
         motion = attempt.from_guess(guess)
         if motion is None:
             return {"found": None, "wrong": np.inf, "seconds": time.perf_counter() - began}
