@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from softmpc.control.clearance import arm_clearance
+from softmpc.control.one_thread import one_thread
 from softmpc.errors import InputError
 from softmpc.interrupts import InterruptLater
 from softmpc.model.obstacles import obstacle_names
@@ -83,7 +84,9 @@ def plan(
     """
     settings = settings or PlanSettings()
     _check_start(problem)
-    return _Planner(problem, settings, progress or _nobody).run(executor)
+    one_thread.look()  # CasADi's own library as well
+    with one_thread:
+        return _Planner(problem, settings, progress or _nobody).run(executor)
 
 
 def _nobody(done: int, total: int) -> None:
