@@ -43,6 +43,11 @@ MISSING = "-"
     "--intervals", type=int, metavar="N",
     help="Intervals of constant input from goal to goal to begin with.",
 )  # fmt: skip
+@click.option(
+    "--sensitivity", metavar="NAMES",
+    help="Tell what errors of numbers of the scene do to the plan, such as sections.mass, with "
+    "commas between them; 'default' for stiffness, mass and payload.",
+)  # fmt: skip
 @sweep_options
 @animation_option
 @answering("plan")
@@ -51,6 +56,7 @@ def command(
     least: str | None,
     duration: float | None,
     intervals: int | None,
+    sensitivity: str | None,
     workers: int | None,
     dask: str | None,
     animate: bool,
@@ -63,6 +69,7 @@ def command(
     from softmpc.planning.plan_files import plan_summary, save_plan
     from softmpc.planning.scene_table import plan_file
 
+    names = _numbers(scene, sensitivity)
     given = {"least": least, "duration": duration, "intervals": intervals}
     changes = {key: value for key, value in given.items() if value is not None}
     with executor_for(workers, dask) as executor, stages(*SEARCHING) as stage:
@@ -73,7 +80,31 @@ def command(
         if result.found is not None:
             _draw(out, result, animate and result.status != "interrupted")
     data = plan_summary(result)
-    return Answer(data, _text(data), *_judge(result))
+    text = _text(data)
+    if names and result.solved:
+        from softmpc.planning.sensitivity import find_sensitivities
+
+        found = find_sensitivities(result, names)
+        data["sensitivities"] = found.summary()
+        text = f"{text}\n\n{found.text()}"
+    return Answer(data, text, *_judge(result))
+
+
+def _numbers(scene: Path, sensitivity: str | None) -> tuple[str, ...]:
+    """The names that were asked for, looked up before anything is planned."""
+    if sensitivity is None:
+        return ()
+    from softmpc.model.scene_file import load_scene
+    from softmpc.planning.sensitivity import default_numbers
+    from softmpc.planning.sensitivity_scene import Numbers
+
+    given = load_scene(scene)
+    if sensitivity == "default":
+        return default_numbers(given)
+    names = tuple(name.strip() for name in sensitivity.split(","))
+    for name in names:
+        Numbers.of(given, name)
+    return names
 
 
 class _Told:
