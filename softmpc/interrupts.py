@@ -29,6 +29,10 @@ class InterruptLater:
         """Whether Ctrl-C was pressed."""
         return self._asked or (self._outer is not None and self._outer.asked)
 
+    def ask(self) -> None:
+        """As if Ctrl-C were pressed: it came inside of a call."""
+        self._asked = True
+
     def __enter__(self) -> InterruptLater:
         now = signal.getsignal(signal.SIGINT)
         outer = getattr(now, "__self__", None)

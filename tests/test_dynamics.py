@@ -39,7 +39,7 @@ def test_slopes_in_the_lengths(scene: Scene) -> None:
     r, gaps = change[:, : t.na], change[:, t.na :]
     arm = 2 * t.n
     gaps[:, :arm] -= (found.carry @ r[:, :, None])[:, :, 0]
-    assert found.G == pytest.approx(gaps, rel=1e-5, abs=1e-5 * np.abs(gaps).max())
+    assert pytest.approx(gaps, rel=1e-5, abs=1e-5 * np.abs(gaps).max()) == found.G
     # a step of the stages that goes with a step of the length keeps their residuals
     moved = Trajectory(at.u, at.a - 1e-6 * found.by_h, at.x)
     dynamics.use(LENGTHS + 1e-6)

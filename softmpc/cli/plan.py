@@ -189,10 +189,10 @@ def _motion_rows(data: dict[str, Any]) -> list[tuple[str, object]]:
         rows.append((f"misses goal {i} by", f"{miss:.2g} mm{angle}"))
     rows.append(("drift after arrival", f"{data['drift_mm']:.2g} mm"))
     rows += [(f"clearance of {name}", f"{d:.2f} mm") for name, d in data["clearance_mm"].items()]
-    for name, amount in data["over"].items():
-        unit, size = ("MPa", 1e6) if name == "pressure" else ("mm", 1e-3)
-        if amount > 0:
-            rows.append((f"{name} beyond limits", f"{amount / size:.2g} {unit} between nodes"))
+    for name, one in data["beyond"].items():
+        if one["scaled"] > 0:
+            beyond = f"{one['amount']:.2g} {one['unit']}".rstrip()
+            rows.append((f"{name} beyond its limit", f"by {beyond} between nodes"))
     return rows
 
 

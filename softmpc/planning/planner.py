@@ -39,6 +39,7 @@ __all__ = ["PlanSettings", "plan"]
 COARSE, FINEST = 24, 384  # intervals a phase to begin with, and of all at most
 ROOM = 1e-4  # m, of clearance beside what a motion lacked between nodes
 LACKING = 2e-4  # m, of clearance that counts as kept
+BEYOND = 2e-3  # scaled, of other limits between nodes
 ROUNDS = 8
 
 Progress = Callable[[int, int], None]
@@ -223,7 +224,8 @@ class _Planner:
         if not found.met:
             return found.counts, INFEASIBLE
         finest = 2 * len(found.u) > self.settings.most_intervals
-        agrees = replay.defect <= self.settings.tolerance
+        beyond = max((one.scaled for one in replay.beyond.values()), default=0.0)
+        agrees = replay.defect <= self.settings.tolerance and beyond <= BEYOND
         settled = error <= self.settings.change * abs(found.cost)
         lacking = self._lacking(replay)
         done = SOLVED if found.converged else NOT_LEAST

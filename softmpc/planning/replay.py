@@ -9,6 +9,7 @@ import numpy as np
 
 from softmpc.control.clearance import arm_clearance
 from softmpc.model.obstacles import obstacle_names
+from softmpc.planning.along import Along, Beyond
 from softmpc.planning.goals import Goal
 from softmpc.planning.problem import PlanProblem
 from softmpc.simulation.inputs import InputProfile
@@ -39,7 +40,7 @@ class Replay:
     turns: tuple[float, ...]  # rad, of its directions
     drift: float  # m, of section tips after the end, where the last goal is to rest
     clearance: dict[str, float]  # m, least along arm and time, by obstacle
-    over: dict[str, float]  # Pa or m by which pressures and pistons pass their limits between nodes
+    beyond: dict[str, Beyond]  # by how much other limits are passed, by their names
 
     @property
     def finished(self) -> bool:
@@ -51,6 +52,7 @@ class Replayer:
 
     def __init__(self, problem: PlanProblem) -> None:
         self.problem, self.model = problem, problem.model
+        self._along = Along(problem)
         self._integrator = TIGHT.integrator(self.model)
         self._closest = arm_clearance(self.model, problem.obstacles) if problem.obstacles else None
 
@@ -82,7 +84,8 @@ class Replayer:
             defect=float(off.max()) if whole else np.inf,
             misses=tuple(m for m, _ in missed), turns=tuple(a for _, a in missed),
             drift=float(after.max(initial=0.0)),
-            clearance=self.clearance(states), over=self._over(states, pressures),
+            clearance=self.clearance(states),
+            beyond=self._along(states[during], profile(reached[during])),
         )  # fmt: skip
 
     def tips(self, x: Array) -> Array:
@@ -115,20 +118,8 @@ class Replayer:
         places, angles = ([e for turns, e in errors if turns is kind] for kind in (False, True))
         return max(places, default=0.0), max(angles, default=0.0)
 
-    def _over(self, x: Array, pressures: Array) -> dict[str, float]:
-        limits = self.model.scene.manipulator.limits
-        over = {"pressure": _outside(pressures, limits.pressure_min, limits.pressure_max)}
-        if len(self.model.drive.X):
-            travel = x[:, 2 * self.model.strains :] @ self.model.drive.X.T
-            over["stroke"] = _outside(travel, -limits.stroke_max, limits.stroke_max)
-        return over
-
 
 def _between(t: Array) -> Array:
     """Times of the nodes, and between them."""
     inside = t[:-1, None] + np.diff(t)[:, None] * np.arange(BETWEEN) / BETWEEN
     return np.append(inside.ravel(), t[-1])
-
-
-def _outside(values: Array, low: float, high: float) -> float:
-    return float(max(np.max(low - values, initial=0.0), np.max(values - high, initial=0.0)))

@@ -136,7 +136,7 @@ class PlanResult:
             "turns_deg": np.degrees(replay.turns).tolist(),
             "drift_mm": 1e3 * replay.drift,
             "clearance_mm": {name: 1e3 * room for name, room in replay.clearance.items()},
-            "over": replay.over,
+            "beyond": {name: vars(one) for name, one in replay.beyond.items()},
             "gives_way": [vars(one) for one in self.gives_way],
             "held_by": list(self.held_by),
             "levels": [vars(level) for level in self.levels],

@@ -23,6 +23,7 @@ __all__ = ["Solved", "Sqp"]
 
 PRICE = 30.0  # of a scaled unit outside, in relative cost
 DEARER, DEAREST = 10.0, 3e5  # where conditions are not met in the end
+HOPELESS = 0.9  # of what was wrong before, left at a higher price
 NEAR = 0.3  # scaled rows further from their bounds are left out of a program
 TRUST, MOST_TRUST, LEAST_TRUST = 0.3, 1.0, 1e-6  # of scaled inputs, and of durations
 MOST = 80  # iterations
@@ -79,14 +80,15 @@ class Sqp:
 
         `stop(iterations)` may end it early, with what there is then.
         """
-        price, done, stop = PRICE, 0, stop or _never
+        price, done, stop, wrong = PRICE, 0, stop or _never, np.inf
         motion, _ = self._restored(motion, MOST_TRUST)
         while True:
             found = self._improved(motion, price, done, stop)
-            done = found.iterations
-            if found.met or price >= DEAREST or done >= MOST or stop(done):
+            done, left = found.iterations, float(found.rows.excess.sum())
+            hopeless = left > HOPELESS * wrong  # a higher price did not help
+            if found.met or hopeless or price >= DEAREST or done >= MOST or stop(done):
                 return found
-            motion, price = found.motion, price * DEARER
+            motion, price, wrong = found.motion, price * DEARER, left
 
     def _improved(
         self, motion: Motion, price: float, done: int, stop: Callable[[int], bool]

@@ -171,7 +171,7 @@ class _Search:
     def interrupted(self) -> None:
         """Ctrl-C came while the arm moved."""
         if self.interrupt is not None:
-            self.interrupt.asked = True
+            self.interrupt.ask()
 
     @property
     def over(self) -> bool:
