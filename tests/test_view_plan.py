@@ -91,7 +91,7 @@ def swing(model: Model) -> PlanResult:
     made = simulated_plan(model, np.full(6, 0.3), t, torques)
     replay = Replay(
         "finished", made["samples_t"], made["samples_x"], made["samples_tips"], made["samples_p"],
-        defect=5e-6, misses=(0.0, 0.0), turns=(0.0, 0.0), drift=0.0, clearance={}, over={},
+        defect=5e-6, misses=(0.0, 0.0), turns=(0.0, 0.0), drift=0.0, clearance={}, beyond={},
     )  # fmt: skip
     found = found_of(t, COUNTS, torques, made["x"])
     start = Start(made["x"][0], made["u_before"])

@@ -25,6 +25,7 @@ from softmpc.model.model import build
 from softmpc.model.obstacles import OBSTACLES
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import scene_from_dict, scene_to_dict, write_document
+from softmpc.planning.along import Beyond
 from softmpc.planning.attempt import Found
 from softmpc.planning.giving_way import GivesWay
 from softmpc.planning.goals import Goal, Start
@@ -103,11 +104,12 @@ def load_plan(path: str | os.PathLike[str], problem: PlanProblem | None = None) 
             )
         samples = {field: arrays[name] for field, name in SAMPLED.items()}
         moves = {f.name: arrays[f.name] for f in fields(Found) if f.name in arrays}
+        beyond = {name: Beyond(**one) for name, one in about["replay"].pop("beyond").items()}
         rest: dict[str, Any] = {name: _all(kind, about[name]) for name, kind in RECORDS.items()}
         return PlanResult(
             problem=problem or _problem(about["problem"], arrays),
             found=Found(**moves, **_tuples(about["found"])),
-            replay=Replay(**samples, **_tuples(about["replay"])),
+            replay=Replay(**samples, beyond=beyond, **_tuples(about["replay"])),
             **rest,
             **_tuples({name: about[name] for name in _others()}),
         )
@@ -145,8 +147,8 @@ def _others() -> list[str]:
 
 
 def _number(value: Any) -> Any:
-    """A NumPy scalar as Python has it."""
-    return value.item()
+    """A NumPy scalar as Python has it; a record as its fields."""
+    return vars(value) if is_dataclass(value) else value.item()
 
 
 def _without_arrays(record: Any) -> dict[str, Any]:
@@ -167,7 +169,7 @@ def _all(kind: type[T], records: Iterable[dict[str, Any]]) -> tuple[T, ...]:
 def _described(problem: PlanProblem) -> dict[str, Any] | None:
     """A problem as plain data, None where it has parts that nobody knows here."""
     scene = _scene(problem.model.scene)
-    names = ("least", "duration", "rate", "margin", "limits", "obstacles")
+    names = ("least", "duration", "rate", "margin", "back_off", "limits", "obstacles")
     try:
         described = {name: _plain(getattr(problem, name)) for name in names}
         goals = [
