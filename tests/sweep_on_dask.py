@@ -40,9 +40,13 @@ def main(once: str, always: str, pressures: list[list[float]]) -> None:
             error = ""
         except SweepError as found:
             error = str(found)
-    print(json.dumps({"tips": tips, "script": script, "killed": killed, "error": error}))
+        print(json.dumps({"tips": tips, "script": script, "killed": killed, "error": error}))
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    main(*sys.argv[1:], json.load(sys.stdin))
+    try:
+        main(*sys.argv[1:], json.load(sys.stdin))
+    except RuntimeError as failed:  # Dask's, while it ends beside a worker that was just killed
+        if str(failed) != "ConnectionPool is closed":
+            raise
