@@ -49,11 +49,12 @@ class Roller:
         """The motion under the guess's inputs; None where Newton's method finds none."""
         lengths = self.mesh.phases.lengths(durations)
         self.dynamics.use(lengths)
-        found = self._at_once(guess, durations)
-        if found is not None:
-            return found
-        w = self._rollout.one_by_one(self.moment, guess, self._intervals(lengths))
-        return None if w is None else self._at_once(Trajectory.of(self.mesh.t, w), durations)
+        with np.errstate(over="ignore", invalid="ignore"):  # where Newton's method runs away
+            found = self._at_once(guess, durations)
+            if found is not None:
+                return found
+            w = self._rollout.one_by_one(self.moment, guess, self._intervals(lengths))
+            return None if w is None else self._at_once(Trajectory.of(self.mesh.t, w), durations)
 
     def _at_once(self, guess: Trajectory, durations: Array) -> Motion | None:
         at, still = guess, (np.zeros_like(self.moment.x), np.zeros_like(guess.u))
