@@ -31,7 +31,7 @@ RESTORATIONS = 8  # of one iteration, as long as each removes RESTORED of what i
 RESTORED = 0.3
 RESTORING = 1e-2  # curvature of a restoration in the inputs: prices are high above it
 CLEAN = 1e-7  # scaled, counts as met
-MET = 1e-5  # scaled, the same at the end: a hundredth of the band of rest
+MET = 1e-5  # scaled, the same at the end: a tenth of the band of rest
 DECREASE = 1e-4  # relative, that is worth another iteration
 SHORTEST = 1e-3  # s, of a phase
 
