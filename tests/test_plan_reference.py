@@ -72,7 +72,8 @@ def test_defaults_are_those_of_the_reader() -> None:
     for name, value in vars(settings).items():
         assert float(page[name][1]) == value, name
     planning = read(Path())
-    assert float(page["margin"][1]) == planning.margin == 0.0
+    for name in ("margin", "back_off"):
+        assert float(page[name][1]) == getattr(planning, name) == 0.0
     assert page["least"][1] == '`"time"`' and read(Path(), least=None).least == "time"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ __all__ = ["LEAST", "PlanProblem", "arm_limits", "check_times"]
 LEAST = ("time", "effort", "jerk")
 PLACES = 10  # a section, where a plan looks for obstacles; the replay looks closer
 LIMITLESS = 1e4  # 1/m, the default of `Limits.curvature_max`
+OF_THE_ARM = TorqueLimit, PressureLimit, StrokeLimit, StrainLimit, CurvatureLimit
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +37,9 @@ class PlanProblem:
     `least` is "time" (s), "effort" (∫ Σ T² dt) or "jerk" (∫ Σ (dT/dt)² dt: torque is to the arm
     what acceleration is to a mass). Without times of all goals, effort and jerk need the `duration`
     of the whole (s). `rate` (N·m/s, or Pa/s) bounds how fast inputs change. `limits` hold along the
-    way; None: those of the arm. The whole arm keeps `margin` (m) clear of `obstacles`.
+    way; None: those of the arm. Those of input, pressure, stroke and strain are closer by
+    `back_off`, a share of their range, at both ends: room for a controller that follows
+    the plan. The whole arm keeps `margin` (m) clear of `obstacles`.
     """
 
     model: Model
@@ -48,6 +51,7 @@ class PlanProblem:
     limits: tuple[Limit, ...] | None = None
     obstacles: tuple[Obstacle, ...] = ()
     margin: float = 0.0
+    back_off: float = 0.0
 
     def __post_init__(self) -> None:
         require_linear_drive(self.model)
@@ -61,14 +65,20 @@ class PlanProblem:
         for name, value in (("duration", self.duration), ("rate", self.rate)):
             if value is not None and not 0 < value < np.inf:
                 raise InputError(f"PlanProblem.{name} = {value!r}: must be a number above 0")
+        if not 0 <= self.back_off < 0.5:
+            raise InputError(
+                f"PlanProblem.back_off = {self.back_off!r}: must be from 0 to below 0.5, the share "
+                "of their range by which limits are closer at both ends"
+            )
         check_times(self.least, [goal.after for goal in self.goals], self.duration)
         if self.obstacles:
             _ = KeepClear(self.obstacles, self.margin)  # checks them
 
     @property
     def all_limits(self) -> tuple[Limit, ...]:
-        """Those along the way, obstacles among them."""
+        """Those along the way, backed off, obstacles among them."""
         limits = arm_limits(self.model) if self.limits is None else self.limits
+        limits = tuple(_backed_off(one, self.back_off) for one in limits)
         clear = (KeepClear(self.obstacles, self.margin, PLACES),) if self.obstacles else ()
         return (*limits, *clear)
 
@@ -82,6 +92,14 @@ class PlanProblem:
             rows.append(np.ones(count))
             values.append(self.duration)
         return np.array(rows).reshape(-1, count), np.array(values, float)
+
+
+def _backed_off(limit: Limit, share: float) -> Limit:
+    """A limit that is closer by a share of its range, where it is of the arm and has one."""
+    margin = share * (limit.high - limit.low)
+    if not (isinstance(limit, OF_THE_ARM) and 0 < margin < np.inf):
+        return limit
+    return replace(limit, low=limit.low + margin, high=limit.high - margin)
 
 
 def check_times(least: str, times: Sequence[float | None], duration: float | None) -> None:

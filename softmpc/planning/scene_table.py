@@ -24,7 +24,6 @@ from softmpc.model.scene import STRAINS, Scene
 from softmpc.model.scene_file import read_document, scene_from_dict
 from softmpc.model.tables import Table
 from softmpc.planning.goal_tables import MPA, GoalTable, Posture, read_goal, read_start
-from softmpc.planning.goals import Start
 from softmpc.planning.planner import PlanSettings, Progress, plan
 from softmpc.planning.problem import LEAST, PlanProblem, arm_limits, check_times
 from softmpc.planning.result import PlanResult
@@ -51,13 +50,13 @@ class Planning:
     limits: tuple[Limit, ...]
     obstacles: tuple[Obstacle, ...]
     margin: float
+    back_off: float
     settings: PlanSettings
 
     def problem(self) -> PlanProblem:
         """With postures from inverse statics and equilibria; `SceneError` where there are none."""
         start = self.start.find(self.model)
-        _check_limits(self.model, self.limits, start)
-        return PlanProblem(
+        problem = PlanProblem(
             self.model,
             start,
             tuple(goal.find(self.model) for goal in self.goals),
@@ -67,7 +66,10 @@ class Planning:
             (*arm_limits(self.model), *self.limits),
             self.obstacles,
             self.margin,
+            self.back_off,
         )
+        _check_limits(problem, len(self.limits))
+        return problem
 
 
 def plan_file(
@@ -124,6 +126,7 @@ def read_planning(data: object, scene: Scene, folder: Path) -> Planning:
         tuple(_read_limit(row, model) for row in _rows(table, "limits")),
         _read_obstacles(table, scene),
         table.number("margin", 0.0, unit="m", low=-0.1, high=1.0),
+        table.number("back_off", 0.0, low=0.0, high=0.4),
         _read_settings(table),
     )
     table.finish()
@@ -245,18 +248,33 @@ def _read_range(row: Table, unit: str) -> tuple[float, float]:
     return ends[0], ends[1]
 
 
-def _check_limits(model: Model, limits: tuple[Limit, ...], start: Start) -> None:
-    """Raise `SceneError` for a limit that the start breaks."""
-    for i, limit in enumerate(limits, 1):
-        stage = Stage.of(model)
-        rows = limit.rows(stage)
-        value = ca.Function("limit", [stage.x], [rows.value])(start.x)
-        for name, unit, number, low, high, scale in zip(
-            rows.names, rows.units, np.asarray(value).ravel(), rows.low, rows.high, rows.scale,
-            strict=True,
-        ):  # fmt: skip
-            if not low - INSIDE * scale <= number <= high + INSIDE * scale:
-                raise SceneError(
-                    f"[[plan.limits]] {i}: the arm starts with {name} = {number:.4g} {unit}, "
-                    f"outside of {low:.4g} to {high:.4g}: start elsewhere, or widen the limit"
-                )
+def _check_limits(problem: PlanProblem, own: int) -> None:
+    """Raise `SceneError` for a limit that the start breaks.
+
+    The last `own` are those of the table; the others, of the arm, count where they are backed off.
+    """
+    first = len(problem.limits or ()) - own
+    for i, limit in enumerate(problem.all_limits[: first + own]):
+        if i >= first or problem.back_off > 0:
+            _check_limit(problem, limit, i - first + 1)
+
+
+def _check_limit(problem: PlanProblem, limit: Limit, place: int) -> None:
+    stage = Stage.of(problem.model)
+    rows = limit.rows(stage)
+    if ca.depends_on(rows.value, stage.u):
+        return  # what follows from the input alone changes at once
+    value = ca.Function("limit", [stage.x], [rows.value])(problem.start.x)
+    for name, unit, number, low, high, scale in zip(
+        rows.names, rows.units, np.asarray(value).ravel(), rows.low, rows.high, rows.scale,
+        strict=True,
+    ):  # fmt: skip
+        if not low - INSIDE * scale <= number <= high + INSIDE * scale:
+            back_off = f"[plan] back_off = {problem.back_off:g}"
+            where = back_off if place < 1 else f"[[plan.limits]] {place}"
+            wider = "widen the limit" if place > 0 else "take a smaller back_off"
+            hint = 'with posture = "greatest-margin", ' if place < 1 else ""
+            raise SceneError(
+                f"{where}: the arm starts with {name} = {number:.4g} {unit}, "
+                f"outside of {low:.4g} to {high:.4g}: start elsewhere, {hint}or {wider}"
+            )
