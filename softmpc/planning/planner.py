@@ -186,11 +186,11 @@ class _Planner:
             began = time.perf_counter()
             finer = Attempt(self.problem, counts, self.more)
             motion = finer.from_plan(found)
-            if motion is None:
-                status = NOT_VERIFIED
-                break
+            better = finer.improve(motion, lambda _: asked()) if motion is not None else None
+            if better is None or (not better.met and self._usable(found, replay)):
+                status = NOT_LEAST if self._usable(found, replay) else NOT_VERIFIED
+                break  # the coarser mesh has what the finer one lost
             attempt = finer
-            better = attempt.improve(motion, lambda _: asked())
             error = abs(better.cost - found.cost) if counts != found.counts else error
             found, seconds = better, time.perf_counter() - began
         attempt = attempt or self._again(found)
@@ -224,8 +224,7 @@ class _Planner:
         if not found.met:
             return found.counts, INFEASIBLE
         finest = 2 * len(found.u) > self.settings.most_intervals
-        beyond = max((one.scaled for one in replay.beyond.values()), default=0.0)
-        agrees = replay.defect <= self.settings.tolerance and beyond <= BEYOND
+        agrees = self._agrees(replay)
         settled = error <= self.settings.change * abs(found.cost)
         lacking = self._lacking(replay)
         done = SOLVED if found.converged else NOT_LEAST
@@ -238,6 +237,14 @@ class _Planner:
         if agrees and (settled or finest):
             return found.counts, ""
         return tuple(2 * n for n in found.counts), ""
+
+    def _agrees(self, replay: Replay) -> bool:
+        """Whether plan and replay are one motion, within all limits but obstacles."""
+        beyond = max((one.scaled for one in replay.beyond.values()), default=0.0)
+        return replay.defect <= self.settings.tolerance and beyond <= BEYOND
+
+    def _usable(self, found: Found, replay: Replay) -> bool:
+        return found.met and self._agrees(replay) and not self._lacking(replay)
 
     def _lacking(self, replay: Replay) -> dict[str, float]:
         """Clearance (m) that is missing between nodes, by obstacle."""
