@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from small_plans import read
 
 from softmpc.control.limits import Limit, TipBox, TipCone
 from softmpc.control.stage import Stage
-from softmpc.errors import InputError
+from softmpc.errors import InputError, SceneError
+from softmpc.planning.plan_files import load_plan, save_plan
 from softmpc.planning.planner import plan
 
 MODEL = model_of(MIXED)
@@ -108,3 +110,30 @@ def test_a_limit_in_the_way_of_a_goal_is_named(kind: str) -> None:
         angles = [angle_between(turns[-1][:, 2], aim) for _, turns in ends]
         values = np.array(angles) - np.radians(20.0)
     assert -1e-3 < values[-1] < 1e-3 and values.max() < 1e-2
+
+
+def test_backing_off_leaves_room(tmp_path: Path) -> None:
+    planning = read(tmp_path, back_off=0.1, start={"torques": [0.5, 0.3, 0.3]})
+    found = plan(planning.problem(), planning.settings)
+    assert found.solved and found.replay is not None
+    arm = planning.model.scene.manipulator.limits
+    for values, low, high in (
+        (found.u, arm.torque_min, arm.torque_max),
+        (found.replay.pressures, arm.pressure_min, arm.pressure_max),
+    ):
+        room = min(values.min() - low, high - values.max()) / (high - low)
+        assert room > 0.1 - 1e-4
+        assert room < 0.11  # least time goes to what is left
+    save_plan(found, tmp_path)
+    assert load_plan(tmp_path).problem.back_off == 0.1
+
+
+def test_a_start_without_room() -> None:
+    drive, start = {"actuation": {"kind": "hydraulic"}}, {"torques": [0.5, 0.0, 0.3]}
+    assert read(Path(), drive, start=start).problem().back_off == 0.0
+    with pytest.raises(SceneError, match=r"back_off = 0.1: the arm starts with P_2 = .* smaller"):
+        read(Path(), drive, start=start, back_off=0.1).problem()
+    with pytest.raises(SceneError, match=r"back_off.*0.5"):
+        read(Path(), back_off=0.5)
+    with pytest.raises(InputError, match=r"back_off = 0.5: must be from 0 to below 0.5"):
+        replace(read(Path()).problem(), back_off=0.5)

@@ -1,12 +1,9 @@
 """A plan tracked on a plant that is not the model: with its torque fed forward, and without.
 
-    python -m tests.benchmarks.plan_tracking [--least time|effort|jerk | --plan PLAN.npz]
+    python -m tests.benchmarks.plan_tracking [--smooth | --least time|effort|jerk | --plan PLAN.npz]
 
-The plan is one of the paper's arm (one segment a section), whose tip goes 15 cm to the side in
-0.6 s and rests there. By default its torques are those that a converged controller of the matched
-model gave along a smooth line, held for 25 ms each and simulated anew. With `--least` it is the
-planner's, in 0.6 s where that is not the least; with `--plan` that of a file, and `--scene` is the
-scene file that it was made with.
+The plan is one of the paper's arm (one segment a section), whose tip goes 15 cm to the side and
+rests there. Rows differ in plant and controller:
 
     matched   the plant is the model, the state known; "open loop" is the plan's torque alone
     stiffer   the plant is 15 % stiffer and has 3 segments a section, the state is known
@@ -14,8 +11,17 @@ scene file that it was made with.
               (5 kPa), and an estimator of the disturbance
 
 "soft" is a tip_deviation of 20 mm instead of 1 mm. Errors of the tip from the planned one, mm: RMS
-and largest over the plan, at its end, and RMS over the last 0.5 s of the second for which the end
-is held. "variation" is the total variation of the torques, N·m.
+and largest over the plan, at its end, mean over the second for which the end is held, and RMS over
+its last half. "variation" is the total variation of the torques, N·m.
+
+By default plans of least jerk, effort and time are followed on the rig, the latter two with
+`back_off` and a limited torque rate, from a posture of greatest margin; "open loop" is on the
+stiffer plant, and "10 ms" a controller with steps of that length, 30 ahead, instead of 20 of 25 ms.
+The others have one plan and all rows: with `--smooth` its torques are those that a
+converged controller of the matched model gave along a smooth line, held for 25 ms each and
+simulated anew; with `--least` it is the planner's, in 0.6 s where that is not the least, at the
+arm's own limits; with `--plan` that of a file, and `--scene` is the scene file that it was made
+with.
 """
 
 from __future__ import annotations
@@ -59,7 +65,19 @@ CASES: dict[str, dict[str, Any]] = {
     "rig, soft, without": {"controller": PLAIN | SOFT, "rig": RIG},
     "rig, soft, with": {"controller": SOFT, "rig": RIG},
 }
-TITLES = "   RMS     max  at the end  held RMS  variation  failed"
+ROOMY: dict[str, dict[str, Any]] = {
+    "jerk": {"duration": DURATION},
+    "effort": {"duration": DURATION, "back_off": 0.2, "rate": 10.0},
+    "time": {"back_off": 0.2, "rate": 2.5},
+}
+FAST: dict[str, Any] = {"step": 0.010, "horizon": 30}
+FOLLOWED: dict[str, dict[str, Any]] = {
+    **{name: CASES[name] for name in CASES if name.startswith(("matched, soft", "rig"))},
+    "rig, 10 ms, without": {"controller": PLAIN | FAST, "rig": RIG},
+    "rig, 10 ms, with": {"controller": FAST, "rig": RIG},
+    "stiffer, open loop": CASES["stiffer, open loop"],
+}
+TITLES = "   RMS     max  at the end  hold mean  held RMS  variation  failed"
 
 
 def make_plan(folder: Path, scene: Any) -> Path:
@@ -96,8 +114,8 @@ def make_plan(folder: Path, scene: Any) -> Path:
     return write_plan(folder, simulated_plan(model, start.u, nodes, run.u, after))
 
 
-def least_plan(folder: Path, scene: Any, least: str) -> Path:
-    """The planner's from the same start to the same end."""
+def least_plan(folder: Path, scene: Any, least: str, margin: bool = False, **more: Any) -> Path:
+    """The planner's from the same start to the same end; `margin` is of the start's posture."""
     from softmpc.control.closed_loop import start_at
     from softmpc.model.model import build
     from softmpc.planning.goals import Goal, Start
@@ -105,13 +123,14 @@ def least_plan(folder: Path, scene: Any, least: str) -> Path:
     from softmpc.planning.planner import plan
     from softmpc.planning.problem import PlanProblem
     from softmpc.statics.inverse import InverseStatics
+    from softmpc.statics.rest_costs import GreatestMargin
     from softmpc.statics.targets import Position
 
     model = build(scene)
-    start = start_at(model, InverseStatics(model).solve(Position(START)).posture)
+    inverse = InverseStatics(model, GreatestMargin() if margin else None)
+    start = start_at(model, inverse.solve(Position(START)).posture)
     goal = Goal((Position(tuple((np.array(START) + WAY).tolist())),))
-    duration = None if least == "time" else DURATION
-    problem = PlanProblem(model, Start(start.x, start.u), (goal,), least=least, duration=duration)
+    problem = PlanProblem(model, Start(start.x, start.u), (goal,), least=least, **more)
     save_plan(plan(problem, executor=1), folder)
     return folder / "plan.npz"
 
@@ -149,6 +168,7 @@ def row(case: dict[str, Any], plan: Path, data: dict[str, Any]) -> dict[str, Any
         "rms_mm": float(np.sqrt(np.mean(moving**2))),
         "max_mm": float(moving.max()),
         "end_mm": float(moving[-1]),
+        "hold_mm": float(error[time >= end].mean()),
         "held_mm": float(np.sqrt(np.mean(last**2))),
         "variation": result.variation,
         "failures": result.failures,
@@ -168,10 +188,44 @@ def describe(plan: Path) -> str:
     )
 
 
+def follow_all(data: dict[str, Any], only: str) -> dict[str, Any]:
+    """The plans that leave room, on the rig; prints a table for each."""
+    from softmpc.model.scene_file import scene_from_dict
+
+    rows = {}
+    for least, keys in ROOMY.items():
+        with TemporaryDirectory() as folder:
+            plan = least_plan(Path(folder), scene_from_dict(data), least, margin=True, **keys)
+            print(f"least {least}, {', '.join(f'{k} {v:g}' for k, v in keys.items())}")
+            print(describe(plan))
+            rows |= {f"{least}, {k}": v for k, v in follow(plan, data, only, FOLLOWED).items()}
+        print()
+    return rows
+
+
+def follow(
+    plan: Path, data: dict[str, Any], only: str, cases: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """The rows of one plan, printed."""
+    print(f"{'row':24}  {TITLES}")
+    rows = {}
+    for name, case in cases.items():
+        if only in name:
+            rows[name] = found = row(case, plan, data)
+            print(
+                f"{name:24}  {found['rms_mm']:6.2f}  {found['max_mm']:6.2f}  "
+                f"{found['end_mm']:10.2f}  {found['hold_mm']:9.2f}  {found['held_mm']:8.2f}  "
+                f"{found['variation']:9.1f}  {found['failures']:6d}",
+                flush=True,
+            )
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--smooth", action="store_true", help="a smooth line, in 0.6 s")
     parser.add_argument("--least", choices=("time", "effort", "jerk"), help="a plan of the planner")
     parser.add_argument("--plan", type=Path, help="a plan.npz")
     parser.add_argument("--scene", type=Path, help="the scene file that it was made with")
@@ -183,23 +237,17 @@ def main() -> None:
     data = SCENE
     if given.scene:
         data = {k: v for k, v in read_document(given.scene).items() if k in TABLES}
-    with TemporaryDirectory() as folder:
-        scene, kept = scene_from_dict(data), Path(folder)
-        plan = given.plan or (
-            least_plan(kept, scene, given.least) if given.least else make_plan(kept, scene)
-        )
-        print(describe(plan))
-        print(f"{'row':24}  {TITLES}")
-        rows = {}
-        for name, case in CASES.items():
-            if given.only in name:
-                rows[name] = found = row(case, plan, data)
-                print(
-                    f"{name:24}  {found['rms_mm']:6.2f}  {found['max_mm']:6.2f}  "
-                    f"{found['end_mm']:10.2f}  {found['held_mm']:8.2f}  {found['variation']:9.1f}"
-                    f"  {found['failures']:6d}",
-                    flush=True,
-                )
+    if given.plan or given.least or given.smooth:
+        with TemporaryDirectory() as folder:
+            scene, plan = scene_from_dict(data), given.plan
+            if given.least:
+                duration = None if given.least == "time" else DURATION
+                plan = least_plan(Path(folder), scene, given.least, duration=duration)
+            plan = plan or make_plan(Path(folder), scene)
+            print(describe(plan))
+            rows = follow(plan, data, given.only, CASES)
+    else:
+        rows = follow_all(data, given.only)
     if given.json:
         given.json.write_text(json.dumps(rows, indent=2))
     if any(found["status"] != "finished" for found in rows.values()):
