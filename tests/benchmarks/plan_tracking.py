@@ -192,7 +192,7 @@ def follow_all(data: dict[str, Any], only: str) -> dict[str, Any]:
     """The plans that leave room, on the rig; prints a table for each."""
     from softmpc.model.scene_file import scene_from_dict
 
-    rows = {}
+    rows: dict[str, Any] = {}
     for least, keys in ROOMY.items():
         with TemporaryDirectory() as folder:
             plan = least_plan(Path(folder), scene_from_dict(data), least, margin=True, **keys)
@@ -208,7 +208,7 @@ def follow(
 ) -> dict[str, Any]:
     """The rows of one plan, printed."""
     print(f"{'row':24}  {TITLES}")
-    rows = {}
+    rows: dict[str, Any] = {}
     for name, case in cases.items():
         if only in name:
             rows[name] = found = row(case, plan, data)
