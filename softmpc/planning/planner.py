@@ -40,6 +40,7 @@ COARSE, FINEST = 24, 384  # intervals a phase to begin with, and of all at most
 ROOM = 1e-4  # m, of clearance beside what a motion lacked between nodes
 LACKING = 2e-4  # m, of clearance that counts as kept
 BEYOND = 2e-3  # scaled, of other limits between nodes
+TURNED = 5e-3  # rad, of directions that count as met
 ROUNDS = 8
 
 Progress = Callable[[int, int], None]
@@ -222,7 +223,7 @@ class _Planner:
     def _next(self, found: Found, replay: Replay, error: float) -> tuple[tuple[int, ...], str]:
         """The mesh of the next round, or the status that ends them."""
         if not found.met:
-            return found.counts, INFEASIBLE
+            return found.counts, NOT_LEAST if self._passes(found, replay) else INFEASIBLE
         finest = 2 * len(found.u) > self.settings.most_intervals
         agrees = self._agrees(replay)
         settled = error <= self.settings.change * abs(found.cost)
@@ -245,6 +246,15 @@ class _Planner:
 
     def _usable(self, found: Found, replay: Replay) -> bool:
         return found.met and self._agrees(replay) and not self._lacking(replay)
+
+    def _passes(self, found: Found, replay: Replay) -> bool:
+        """Whether the replay does what was asked, though conditions are not met to rounding."""
+        problem, within = self.problem, self.settings.tolerance
+        arrives = max((*replay.misses, replay.drift)) <= within and max(replay.turns, default=np.inf) <= TURNED
+        change = np.abs(np.diff(np.vstack([problem.start.u, found.u]), axis=0))
+        rate = np.inf if problem.rate is None else problem.rate * (1 + BEYOND)
+        steady = bool(np.all(change <= rate * np.diff(found.t)[:, None]))
+        return arrives and steady and self._agrees(replay) and not self._lacking(replay)
 
     def _lacking(self, replay: Replay) -> dict[str, float]:
         """Clearance (m) that is missing between nodes, by obstacle."""
