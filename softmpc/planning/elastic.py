@@ -16,7 +16,7 @@ from scipy import sparse
 
 __all__ = ["Elastic", "Step"]
 
-PIQP = {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 60}
+PIQP = {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 200, "reg_lower_limit": 1e-8}
 SOFTENING = 1e-6  # curvature of a slack
 
 Array = np.ndarray
