@@ -250,7 +250,8 @@ class _Planner:
     def _passes(self, found: Found, replay: Replay) -> bool:
         """Whether the replay does what was asked, though conditions are not met to rounding."""
         problem, within = self.problem, self.settings.tolerance
-        arrives = max((*replay.misses, replay.drift)) <= within and max(replay.turns, default=np.inf) <= TURNED
+        turned = max(replay.turns, default=np.inf)  # none where the replay ended early
+        arrives = max((*replay.misses, replay.drift)) <= within and turned <= TURNED
         change = np.abs(np.diff(np.vstack([problem.start.u, found.u]), axis=0))
         rate = np.inf if problem.rate is None else problem.rate * (1 + BEYOND)
         steady = bool(np.all(change <= rate * np.diff(found.t)[:, None]))
