@@ -142,6 +142,7 @@ def test_swing_around_a_ball() -> None:
     assert full @ np.diff(found.t) > 0.75 * found.time  # bang-bang, but along the ball
 
 
+@pytest.mark.slow
 def test_waypoints_and_times() -> None:
     """One waypoint is passed at its time, the next when it is best, with a direction at last."""
     way = (

@@ -188,6 +188,7 @@ def test_least_effort_is_that_of_plans_made_anew_by_slsqp():
     assert one.cost == pytest.approx((up - down) / width, rel=0.05)
 
 
+@pytest.mark.slow
 def test_least_jerk_and_its_inputs_are_those_of_plans_made_anew_by_slsqp():
     found, width = sensitivities("jerk", STIFFNESS), 0.01
     one = found.numbers[0].replanned

@@ -240,6 +240,7 @@ def test_a_payload_that_is_not_there(task: tuple[Scene, Tracking, RigSettings]) 
 # ---------------------------------------------------------------- the command
 
 
+@pytest.mark.slow
 def test_command(scene_file: Path, tmp_path: Path) -> None:
     text = scene_file.read_text().replace("laps = 0.5", "laps = 0.2").replace("settle = 0.5", "")
     text = text.replace("[track]\n", "[track]\nsettle = 0.1\n")

@@ -140,6 +140,7 @@ def test_one_section_with_weight_and_load() -> None:
     assert space.contains(hanging[None], space.grid_error)  # the tip of a cone on the inner surface
 
 
+@pytest.mark.slow
 def test_two_sections() -> None:
     two = build(Scene(PAPER))
     space = find_workspace(two, **COARSE)
