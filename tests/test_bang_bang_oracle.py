@@ -49,7 +49,7 @@ def check_pontryagin(motion: BangBang) -> None:
 # ---------------------------------------------------------------- textbook answers
 
 
-@pytest.mark.parametrize("distance", [pytest.param(0.02, marks=pytest.mark.slow), 3.0])
+@pytest.mark.parametrize("distance", [0.02, 3.0])
 def test_a_mass_is_pushed_half_the_way(distance: float) -> None:
     found = least_time(MASS, [0, 0], [distance, 0], 10.0)
     assert found.time == pytest.approx(2 * np.sqrt(distance / 2.0), rel=1e-9)
