@@ -21,6 +21,9 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["SOFTMPC_CACHE"] = _made[0]
         # Models differ from test to test: compiling them would take longer than it saves.
         os.environ["SOFTMPC_COMPILE"] = "never"
+        # Workers share the cores: threads of BLAS beside them make small matrices ten times slower.
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
 
 
 def _hear_interrupts() -> None:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.control.one_thread import one_thread
 from softmpc.errors import InputError
 from softmpc.model.payload import Payload
 from softmpc.model.scene import Scene
@@ -150,6 +151,7 @@ def default_numbers(scene: Scene) -> tuple[str, ...]:
     return tuple(names)
 
 
+@one_thread
 def find_sensitivities(
     result: PlanResult, names: Sequence[str] | None = None, start: str | None = None
 ) -> PlanSensitivities:
