@@ -158,6 +158,9 @@ def _table(found: list[dict[str, Any]]) -> str:
     counts = Counter(one["status"] for one in found).most_common()
     lines = [f"{len(good)} of {len(found)} problems solved and verified by replay: "]
     lines[0] += ", ".join(f"{number} {status}" for status, number in counts)
+    several = [one["won"] for one in found if one["starts"] > 1]
+    lines.append(f"of {len(several)} with several starts the straight one won "
+                 f"{several.count('straight')}")  # fmt: skip
     lines += ["", "| " + " | ".join(HEAD) + " |", "|---" * len(HEAD) + "|"]
     for count in range(4):
         some = [one for one in found if len(one["obstacles"]) == count]
