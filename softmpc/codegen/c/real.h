@@ -1,0 +1,20 @@
+/* The number type of the controller: double, or float with -DSMPC_FLOAT. */
+#ifndef SMPC_REAL_H
+#define SMPC_REAL_H
+
+#ifdef SMPC_FLOAT
+#include <tgmath.h>
+typedef float smpc_real;
+#define SMPC_EPSILON 1.1920929e-7f
+#define SMPC_HUGE 3.4028235e38f
+#else
+#include <math.h>
+typedef double smpc_real;
+#define SMPC_EPSILON 2.220446049250313e-16
+#define SMPC_HUGE 1.7976931348623157e308
+#endif
+
+/* Functions of the controller itself say "real". */
+typedef smpc_real real;
+
+#endif
