@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 __all__ = ["array", "declaration", "define", "guard", "number", "string"]
 
 WIDTH = 96  # characters of a line
+REALS = ("smpc_real", "double")
 
 
 def number(value: float, kind: str = "smpc_real") -> str:
     """A literal that a C compiler reads back as the same double; infinities are the largest."""
-    if kind != "smpc_real":
+    if kind not in REALS:
         return str(int(value))
     if np.isnan(value):
         raise ValueError("a constant of the controller is not a number")
