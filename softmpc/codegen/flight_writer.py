@@ -1,0 +1,102 @@
+"""Flight logs written, record by record."""
+
+from __future__ import annotations
+
+import logging
+import os
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+
+from softmpc.codegen import flight_format as form
+from softmpc.codegen.flight_format import (
+    Event,
+    Header,
+    Limits,
+    Reset,
+    Settings,
+    Snapshot,
+    StepRecord,
+)
+from softmpc.errors import InputError
+
+__all__ = ["FlightWriter"]
+
+LOG = logging.getLogger(__name__)
+
+
+class FlightWriter:
+    """Writes a log; every record is with the operating system when `write` returns.
+
+    Steps are numbered here. The file is begun anew; use it in a `with` block, or `close` it. Where
+    the disk takes no more the log ends, with a warning: nobody stops an arm for that.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
+        self.path, self.header, self.number = Path(path), header, 0
+        self._before: StepRecord | None = None
+        self._limits, self._settings = Limits(), Settings()
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        self._put(form.put_header(header))
+
+    def step(self, step: StepRecord) -> None:
+        """Add a step; its number is the next one."""
+        step = replace(step, number=self.number)
+        self._put(form.put_step(self.header, step, self._before))
+        self._before, self.number = step, self.number + 1
+
+    def reset(self) -> None:
+        """The controller has forgotten everything."""
+        self._before = None
+        self._put(form.put_reset(Reset(self.number)))
+
+    def snapshot(self, snapshot: Snapshot) -> None:
+        """What the controller remembers after the last step; its number is the next one.
+
+        The next step is written in full then, and what a user has set once more, so that a reader
+        can begin here.
+        """
+        self._before = None
+        records = [form.put_snapshot(self.header, replace(snapshot, number=self.number))]
+        if self._limits != Limits():
+            records.append(form.put_limits(self.header, self._limits))
+        if self._settings != Settings():
+            records.append(form.put_settings(self._settings))
+        self._put(b"".join(records))
+
+    def limits(self, limits: Limits) -> None:
+        """A user has set limits."""
+        self._limits = limits
+        self._put(form.put_limits(self.header, limits))
+
+    def settings(self, settings: Settings) -> None:
+        """A user has set something else."""
+        self._settings = settings
+        self._put(form.put_settings(settings))
+
+    def _put(self, data: bytes) -> None:
+        try:
+            while data and not self._file.closed:
+                data = data[self._file.write(data) :]
+        except OSError as error:
+            LOG.warning("%s: the log ends here: %s", self.path, error.strerror)
+            self._file.close()
+
+    def close(self) -> None:
+        """No more records."""
+        self._file.close()
+
+    def __enter__(self) -> FlightWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
