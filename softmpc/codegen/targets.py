@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from collections.abc import Iterable, Sequence
@@ -24,6 +25,7 @@ __all__ = [
     "run_tool",
 ]
 
+_TELLING = re.compile(r"error: (?!ld returned)|undefined reference|overflowed")
 PRECISIONS = ("double", "float")
 COMPILE_SECONDS = 300.0
 COMMON = (
@@ -44,6 +46,7 @@ class Target:
     program: tuple[str, ...]  # C files in board/ that make a program of the controller
     emulator: tuple[str, ...]  # command that a program's path is put behind
     packages: tuple[str, ...]  # of Debian
+    memory_map: str = ""  # linker script in board/, where nothing else says what lies where
 
     @property
     def missing(self) -> str:
@@ -79,6 +82,7 @@ CORTEX_M7 = Target(
         "-kernel",
     ),
     ("gcc-arm-none-eabi", "libnewlib-arm-none-eabi", "qemu-system-arm"),
+    "mps2_an500.ld",
 )  # fmt: skip
 TARGETS = {target.name: target for target in (HOST, ARM_LINUX, CORTEX_M7)}
 
@@ -91,13 +95,9 @@ def flags_of(target: Target, precision: str) -> tuple[str, ...]:
 
 
 def controller_sources(directory: Path) -> list[Path]:
-    """C files of a generated directory but those that make programs of it."""
-    apart = {directory / "board", directory / "build"}
-    found = [
-        path
-        for path in sorted(directory.rglob("*.c"))
-        if path.name != "main.c" and not apart.intersection(path.parents)
-    ]
+    """C files of a generated directory but those of programs that use it."""
+    found = sorted([*directory.glob("*.c"), *directory.glob("daqp/*.c")])
+    found = [path for path in found if path.name != "main.c"]
     if not found or not (directory / "board" / "steps.c").is_file():
         raise InputError(
             f"{directory}: is no directory of a generated controller; `softmpc codegen` makes one"
@@ -110,13 +110,13 @@ def build(
     target: Target,
     precision: str,
     into: Path,
-    link: Sequence[str] = (),
     extra: Sequence[str] = (),
+    memory_map: str = "",
 ) -> Path:
     """Compile the controller with the program that runs recorded steps; returns the program.
 
-    Object files lie beside it, `link` are further flags of the linker and `extra` of the compiler.
-    Raises `InputError` where `directory` is none of a controller, `BuildError` where tools are
+    Object files and the linker's map lie beside it. `extra` are further flags of the compiler,
+    `memory_map` another linker script in board/. Raises `InputError` where `directory` is none of a controller, `BuildError` where tools are
     missing or fail.
     """
     directory, into = directory.resolve(), into.resolve()
@@ -136,8 +136,10 @@ def build(
     with ThreadPoolExecutor(2) as threads:
         objects = list(threads.map(compile_one, sources))
     program = into / "steps"
-    command = [target.compiler, *flags, *target.link, *link, *objects, "-Wl,--gc-sections"]
-    run_tool([*command, "-o", str(program), "-lm"], into)
+    script = memory_map or target.memory_map
+    link = [*target.link, *((f"-L{directory / 'board'}", f"-T{script}") if script else ())]
+    link += ["-Wl,--gc-sections", f"-Wl,-Map={program.name}.map"]
+    run_tool([target.compiler, *flags, *link, *objects, "-o", str(program), "-lm"], into)
     return program
 
 
@@ -156,7 +158,7 @@ def run_tool(
     except subprocess.TimeoutExpired:
         raise BuildError(f"{words[0]} did not end within {seconds:g} s") from None
     if done.returncode:
-        complaint = [line for line in done.stderr.splitlines() if line.strip()]
-        errors = [line for line in complaint if "error" in line.lower()] or complaint[-3:]
+        complaint = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        errors = [line for line in complaint if _TELLING.search(line)] or complaint[-3:]
         raise BuildError(f"{words[0]} failed: {'; '.join(errors[:3]) or 'no message'}")
     return done.stdout
