@@ -279,7 +279,7 @@ def test_wrong_input(directory: Path, steps: Steps, tmp_path: Path) -> None:
     assert read_sizes(directory) == {"N": 4, "NX": 5, "NR": 3, "INPUTS": 2}
     with pytest.raises(InputError, match=r"x: has shape \(5, 2\), this controller takes \(5, 5\)"):
         run_steps(directory, replace(steps, x=steps.u_before), "host")
-    with pytest.raises(InputError, match="unknown target: 'cortex'.*did you mean 'cortex-m7'"):
+    with pytest.raises(InputError, match=r"unknown target: 'cortex'.*did you mean 'cortex-m7'"):
         run_steps(directory, steps, "cortex")
     with pytest.raises(InputError, match="precision = 'half': must be one of double, float"):
         run_steps(directory, steps, "host", "half")
@@ -287,14 +287,14 @@ def test_wrong_input(directory: Path, steps: Steps, tmp_path: Path) -> None:
         run_steps(tmp_path, steps, "host")
     with pytest.raises(InputError, match="softmpc codegen"):
         footprint(tmp_path)
-    with pytest.raises(InputError, match="unknown budget: 'H743'"):
+    with pytest.raises(InputError, match=r"unknown budget: 'H743'"):
         footprint(directory, "H743")
 
 
 def test_missing_tools(directory: Path, steps: Steps, monkeypatch: pytest.MonkeyPatch) -> None:
     bare = replace(CORTEX_M7, compiler="no-such-gcc")
     monkeypatch.setitem(TARGETS, "cortex-m7", bare)
-    with pytest.raises(BuildError, match="no-such-gcc not found; .*apt install gcc-arm-none-eabi"):
+    with pytest.raises(BuildError, match=r"no-such-gcc not found; .*apt install gcc-arm-none-eabi"):
         run_steps(directory, steps)
 
 

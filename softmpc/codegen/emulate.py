@@ -46,10 +46,8 @@ class Steps:
     def numbers(self) -> Array:
         """One row a step."""
         count = len(self)
-        parts = [
-            np.reshape(part, (count, np.size(part) // max(count, 1)))
-            for part in (self.references, self.u_before, self.x)
-        ]
+        every = (self.references, self.u_before, self.x)
+        parts = [np.reshape(part, (count, np.size(part) // max(count, 1))) for part in every]
         return np.concatenate(parts, axis=1).astype("<f8")
 
 

@@ -1,7 +1,7 @@
 """What a generated controller takes of a Cortex-M7: flash, RAM and the deepest stack.
 
-The figures are those of the linked program that runs recorded steps (`board/`), so that whatever the
-controller needs of the C library is in them, and a part of their table each.
+The figures are those of the linked program that runs recorded steps (`board/`), so that whatever
+the controller needs of the C library is in them, and a part of their table each.
 """
 
 from __future__ import annotations
@@ -74,11 +74,12 @@ def footprint(
     """What the controller in `directory` takes of a Cortex-M7, in bytes, and whether it fits.
 
     `directory` is what `softmpc codegen` has written. Of each precision the result has `flash`,
-    `ram` (without the stack) and `stack`, each with `bytes`, `budget` and `fits`; the `controller`'s
-    own memory; `calls` with the deepest stack of each function; the `parts` of the program; the
-    `allocators` of heap memory that are in it; the functions that do arithmetic of doubles by
-    software (`software_double`), and those that call a pointer (`by_pointer`). The stack has no `bytes` where nothing bounds it, and a `why`. Raises `InputError` for a
-    directory that is none of a controller, `BuildError` where tools are missing or fail.
+    `ram` (without the stack) and `stack`, each with `bytes`, `budget` and `fits`; the
+    `controller`'s own memory; `calls` with the deepest stack of each function; the `parts` of the
+    program; the `allocators` of heap memory that are in it; the functions that do arithmetic of
+    doubles by software (`software_double`), and those that call a pointer (`by_pointer`). The stack
+    has no `bytes` where nothing bounds it, and `why` says what. Raises `InputError` for a directory
+    that is none of a controller, `BuildError` where tools are missing or fail.
     """
     directory = Path(directory)
     if budget not in BUDGETS:

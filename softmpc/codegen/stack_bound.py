@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 __all__ = ["Code", "Deepest", "Function", "read_code", "read_frames"]
@@ -51,7 +52,7 @@ class Code:
         self.functions = {f.first: f for f in functions}
         self.names = names
         order = sorted(self.functions)
-        self._after = dict(zip(order, order[1:], strict=False))
+        self._after = dict(pairwise(order))
         self._found: dict[int, Deepest] = {}
 
     def deepest(self, name: str) -> Deepest:

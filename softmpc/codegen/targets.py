@@ -1,4 +1,4 @@
-"""Machines that a generated controller is built for and tried on, with what each needs installed."""
+"""Machines that a generated controller is built for and tried on, and what each needs."""
 
 from __future__ import annotations
 
@@ -116,8 +116,8 @@ def build(
     """Compile the controller with the program that runs recorded steps; returns the program.
 
     Object files and the linker's map lie beside it. `extra` are further flags of the compiler,
-    `memory_map` another linker script in board/. Raises `InputError` where `directory` is none of a controller, `BuildError` where tools are
-    missing or fail.
+    `memory_map` another linker script in board/. Raises `InputError` where `directory` is none of a
+    controller, `BuildError` where tools are missing or fail.
     """
     directory, into = directory.resolve(), into.resolve()
     flags = (*flags_of(target, precision), *extra, f"-I{directory}")
