@@ -252,6 +252,18 @@ def test_doubles_among_floats_are_seen(tmp_path: Path) -> None:
     assert "software: smpc_feedback" in footprint_table(found)
 
 
+@on_board
+def test_the_commands_of_the_readme(directory: Path, steps: Steps, answers: Callable) -> None:
+    """What board/README.md says to type, as it stands."""
+    readme = (directory / "board" / "README.md").read_text(encoding="utf-8")
+    commands = readme.partition("```bash\n")[2].partition("```")[0]
+    assert "qemu-system-arm" in commands
+    (directory / "steps.bin").write_bytes(steps.numbers().tobytes())
+    run_tool(["bash", "-euo", "pipefail", "-c", commands], directory)
+    found = np.fromfile(directory / "answers.bin").reshape(COUNT, -1)
+    np.testing.assert_array_equal(found[:, :2], answers("cortex-m7", "double").u)
+
+
 # ---------------------------------------------------------------- errors
 
 

@@ -96,7 +96,7 @@ def flags_of(target: Target, precision: str) -> tuple[str, ...]:
 
 def controller_sources(directory: Path) -> list[Path]:
     """C files of a generated directory but those of programs that use it."""
-    found = sorted([*directory.glob("*.c"), *directory.glob("daqp/*.c")])
+    found = sorted(directory.glob("*.c"))
     found = [path for path in found if path.name != "main.c"]
     if not found or not (directory / "board" / "steps.c").is_file():
         raise InputError(
