@@ -201,9 +201,7 @@ def put_snapshot(header: Header, snapshot: Snapshot) -> bytes:
     parts = ((s.plan, HAS_PLAN), (s.active, HAS_ACTIVE), (s.u, HAS_INPUT))
     flags = sum(flag for part, flag in parts if part is not None)
     counts = (0 if part is None else len(part) for part in (s.plan, s.active))
-    fixed = SNAPSHOT.pack(
-        s.number, min(s.age, UNKNOWN), min(s.failures, UNKNOWN), flags, *counts
-    )
+    fixed = SNAPSHOT.pack(s.number, min(s.age, UNKNOWN), min(s.failures, UNKNOWN), flags, *counts)
     numbers = [[s.violation], [] if s.u is None else s.u, [] if s.plan is None else s.plan]
     body = b"".join(_reals(real, part).tobytes() for part in numbers)
     active = b"" if s.active is None else np.asarray(s.active).astype("i1").tobytes()

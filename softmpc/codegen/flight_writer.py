@@ -62,7 +62,7 @@ class FlightWriter:
         """
         self._before = None
         records = [form.put_snapshot(self.header, replace(snapshot, number=self.number))]
-        if self._limits != Limits():
+        if any(part is not None for part in self._limits.each):
             records.append(form.put_limits(self.header, self._limits))
         if self._settings != Settings():
             records.append(form.put_settings(self._settings))

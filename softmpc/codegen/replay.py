@@ -177,7 +177,9 @@ def _words(one: StepRecord | Outcome, known: Outcome) -> str:
     """Status, program and source in words, of what the other side knows as well."""
     words = [STATUSES[one.status]]
     if known.qp >= 0 and one.status == len(STATUSES) - 1:
-        words.append(f"QP {QP[one.qp] or 'not asked'}" if one.qp < len(QP) else "QP ended otherwise")
+        words.append(
+            f"QP {QP[one.qp] or 'not asked'}" if one.qp < len(QP) else "QP ended otherwise"
+        )
     if known.source >= 0:
         words.append(f"input from {SOURCES[one.source]}")
     return ", ".join(words)

@@ -37,7 +37,10 @@ class _ByTheLog:
         self.as_built = self.daqp.max_iterations
 
     def solve(
-        self, program: Program, time_limit: float | None = None, multipliers: np.ndarray | None = None
+        self,
+        program: Program,
+        time_limit: float | None = None,
+        multipliers: np.ndarray | None = None,
     ) -> QpSolution:
         """See `Daqp.solve`."""
         if not self.out_of_time:

@@ -92,17 +92,17 @@ class Condensing:
         self.t, self.blocks, self.terms = linearisation.t, blocks, linearisation.terms
         self.arm, self.width = 2 * self.t.n, self.t.nu
         self.moves = self.width * (int(blocks[-1]) + 1)
-        self._drive = self._drive_states(linearisation)
+        self.drive = self._drive_states(linearisation)
         split, moving = linearisation.residuals, self.terms.moving
         self._still, self._moving = np.flatnonzero(~moving[:split]), np.flatnonzero(moving[:split])
         self._moving_rows = np.flatnonzero(moving[split:])
         constant = self.terms.constant
         states = np.zeros((self.t.N, self.t.nx, self.moves))
-        states[:, self.arm :] = self._drive
+        states[:, self.arm :] = self.drive
         self._still_by = self._through(constant[:, self._still], states, True)
         self._still_by = self._still_by.reshape(-1, self.moves)
-        self._still_H = self._still_by.T @ self._still_by
-        self._rows = self._through(constant[:, split:], states, True)
+        self.still_H = self._still_by.T @ self._still_by
+        self.still_rows = self._through(constant[:, split:], states, True)
         self._inputs_move = bool(self.terms.of_input[self._moving].any())
         self._touched = self.width if self._inputs_move else self.t.inputs  # slacks move no state
 
@@ -129,12 +129,12 @@ class Condensing:
         if len(end):
             u_before, u = self.blocks[-2:] if self.t.N > 1 else (None, self.blocks[-1])
             self._place(end[None], linear.E_end, [u_before], [u])
-        H = self._still_H + end.T @ end if len(end) else self._still_H.copy()
+        H = self.still_H + end.T @ end if len(end) else self.still_H.copy()
         used, shape = self._touched, (-1, self.moves // self.width, self.width)
         seen = every.reshape(shape)[:, :, :used].reshape(len(every), -1)
         part = H.reshape(*shape[1:], *shape[1:])[:, :used, :, :used]
         part += (seen.T @ seen).reshape(part.shape)
-        rows = self._rows
+        rows = self.still_rows
         if len(self._moving_rows):
             rows = rows.copy()
             rows[:, self._moving_rows] = self._through(linear.L[:, self._moving_rows], states, True)
@@ -145,9 +145,9 @@ class Condensing:
         """∂x⁺/∂v; only the arm's part changes."""
         arm, width, count = self.arm, self.width, self.t.N
         states = np.empty((count, self.t.nx, self.moves))
-        states[:, arm:] = self._drive
+        states[:, arm:] = self.drive
         states[0, :arm] = 0.0
-        np.matmul(linear.steps.A[1:, :arm, arm:], self._drive[:-1], out=states[1:, :arm])
+        np.matmul(linear.steps.A[1:, :arm, arm:], self.drive[:-1], out=states[1:, :arm])
         before = 0  # later moves do not reach back
         for k, block in enumerate(self.blocks):
             own = block * width

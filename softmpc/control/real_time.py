@@ -70,10 +70,10 @@ class RealTime:
         rows = tuple(bound[t.na + t.nx :] for bound in t.row_bounds())
         x = low[t.nu + t.na :], high[t.nu + t.na :]
         self.limited = Limited((low[: t.nu], high[: t.nu]), x, (rows[0], rows[1]))
-        self._bounded = np.flatnonzero(np.isfinite(x[0]) | np.isfinite(x[1]))
+        self.bounded = np.flatnonzero(np.isfinite(x[0]) | np.isfinite(x[1]))
         self.linearisation.make()
         one_thread.look()
-        self._condensing = Condensing(self.linearisation, self.blocks)
+        self.condensing = Condensing(self.linearisation, self.blocks)
         self._prices = np.outer(np.diff([*self._starts, t.N]), t.objective.price).ravel()
         self._names = t.variable_names(), t.row_names()
         self.reset()
@@ -99,7 +99,7 @@ class RealTime:
 
     def _prepare(self, moment: Moment, at: Trajectory, merit: Merit | None) -> None:
         self._prepared = None
-        condensed = self._condensing(self.linearisation(moment, at))
+        condensed = self.condensing(self.linearisation(moment, at))
         H = condensed.H
         H[np.diag_indices_from(H)] *= 1.0 + DAMPING
         H[np.diag_indices_from(H)] += DAMPING
@@ -178,15 +178,15 @@ class RealTime:
         condensed, at, limited = ready.condensed, ready.at, self.limited
         f = condensed.gradient(free) + self._prices
         low, high = (self._tightest(bound - at.u, k) for k, bound in enumerate(limited.u))
-        base = (at.x + free)[:, self._bounded]
+        base = (at.x + free)[:, self.bounded]
         rows = condensed.limits(free)
         low_rows, high_rows = (
-            np.concatenate([(x[self._bounded] - base).ravel(), (bound - rows).ravel()])
+            np.concatenate([(x[self.bounded] - base).ravel(), (bound - rows).ravel()])
             for x, bound in zip(limited.x, limited.rows, strict=True)
         )
         R = condensed.rows.reshape(-1, len(f))
-        if len(self._bounded):
-            R = np.vstack([condensed.states[:, self._bounded].reshape(-1, len(f)), R])
+        if len(self.bounded):
+            R = np.vstack([condensed.states[:, self.bounded].reshape(-1, len(f)), R])
         return Program(ready.H, f, low, high, R, low_rows, high_rows)
 
     def _tightest(self, room: Array, side: int) -> Array:
@@ -199,10 +199,10 @@ class RealTime:
     def _apart(self, multipliers: Array) -> tuple[Array, Array, Array]:
         """Multipliers of the program as those of decisions, states and limit rows (N×…)."""
         t, moves = self.transcription, len(self._prices)
-        bounded = moves + t.N * len(self._bounded)
+        bounded = moves + t.N * len(self.bounded)
         u, x = np.zeros((t.N, t.nu)), np.zeros((t.N, t.nx))
         u[self._starts] = multipliers[:moves].reshape(-1, t.nu)
-        x[:, self._bounded] = multipliers[moves:bounded].reshape(t.N, -1)
+        x[:, self.bounded] = multipliers[moves:bounded].reshape(t.N, -1)
         return u, x, multipliers[bounded:].reshape(t.N, -1)
 
     def _together(self, solution: Solution | None) -> Array | None:
@@ -212,7 +212,7 @@ class RealTime:
             return None
         lam_w, lam_g = solution.lam_w.reshape(t.N, t.nw), solution.lam_g.reshape(t.N, -1)
         u = np.add.reduceat(lam_w[:, : t.nu], self._starts, axis=0)
-        x, rows = lam_w[:, t.nu + t.na :][:, self._bounded], lam_g[:, t.na + t.nx :]
+        x, rows = lam_w[:, t.nu + t.na :][:, self.bounded], lam_g[:, t.na + t.nx :]
         return np.concatenate([u.ravel(), x.ravel(), rows.ravel()])
 
     def _later(self, multipliers: Array | None) -> Array | None:
@@ -223,7 +223,7 @@ class RealTime:
         parts = (np.concatenate([part[1:], part[-1:]]) for part in self._apart(multipliers))
         u, x, rows = parts
         u = u[self._starts] if len(self._starts) < t.N else u
-        return np.concatenate([u.ravel(), x[:, self._bounded].ravel(), rows.ravel()])
+        return np.concatenate([u.ravel(), x[:, self.bounded].ravel(), rows.ravel()])
 
     # --- globalisation ---------------------------------------------------------------------------
 

@@ -38,12 +38,12 @@ class Terms:
         self._J = ca.sparsify(ca.jacobian(self.value, variables))
         every = ca.vertcat(*symbols[:4])
         bent = ca.which_depends(self.value, every, 2, True) if self.rows else []
-        self._bent = np.flatnonzero(np.array(bent, dtype=bool))
-        pattern = self._pattern(self._J)
-        self._columns = np.flatnonzero(pattern[self._bent].any(axis=0))
+        self.bent_rows: Any = np.flatnonzero(np.array(bent, dtype=bool))
+        self.pattern = pattern = self._pattern(self._J)
+        self.bent_columns: Any = np.flatnonzero(pattern[self.bent_rows].any(axis=0))
         first = 2 * symbols[1].numel()
         self.moving: Any = np.asarray(pattern[:, first : first + arm].any(axis=1))
-        self.moving[self._bent] = True
+        self.moving[self.bent_rows] = True
         self.of_input: Any = pattern[:, :first].any(axis=1)  # rows in which inputs stand themselves
 
     @staticmethod
@@ -55,19 +55,24 @@ class Terms:
         one = ca.Function(self.name, self.symbols, [self.value], {"cse": True})
         return Buffered(compiled(one.map(len(self.ratios)), self.mode))
 
+    @property
+    def bent_slopes(self) -> ca.SX:
+        """The slopes that are not constant: those of `bent_rows` in `bent_columns`, dense."""
+        rows, columns = self.bent_rows.tolist(), self.bent_columns.tolist()
+        return ca.densify(self._J[rows, columns])
+
     @cached_property
     def _slopes(self) -> Buffered:
         """Values and those slopes that are not constant."""
-        rows, columns = self._bent.tolist(), self._columns.tolist()
-        slopes = ca.densify(self._J[rows, columns])
-        one = ca.Function(f"{self.name}_slopes", self.symbols, [self.value, slopes], {"cse": True})
+        outputs = [self.value, self.bent_slopes]
+        one = ca.Function(f"{self.name}_slopes", self.symbols, outputs, {"cse": True})
         return Buffered(compiled(one.map(len(self.ratios)), self.mode))
 
     @cached_property
     def constant(self) -> Array:
         """The slopes; those that are not constant are zero."""
         J = ca.densify(self._J)
-        J[self._bent.tolist(), :] = 0.0
+        J[self.bent_rows.tolist(), :] = 0.0
         function = ca.Function("constant", self.symbols, [J])
         zeros = [np.zeros(symbol.numel()) for symbol in self.symbols[:4]]
         found = [np.asarray(function(*zeros, float(ratio))) for ratio in self.ratios[:, 0]]
@@ -77,7 +82,7 @@ class Terms:
         """Make the functions now, so that the first solve need not."""
         if self.rows:
             _ = self._values, self.constant
-        if len(self._bent):
+        if len(self.bent_rows):
             _ = self._slopes
 
     def values(self, u_before: Array, u: Array, x: Array, given: Array) -> Array:
@@ -88,9 +93,9 @@ class Terms:
 
     def __call__(self, u_before: Array, u: Array, x: Array, given: Array) -> tuple[Array, Array]:
         """Values (N×rows) and slopes (N×rows×columns)."""
-        if not len(self._bent):
+        if not len(self.bent_rows):
             return self.values(u_before, u, x, given), self.constant
         value, slopes = self._slopes(u_before, u, x, given, self.ratios)
-        found, shape = self.constant.copy(), (len(self.ratios), len(self._columns), -1)
-        found[:, self._bent[:, None], self._columns] = slopes.reshape(shape).swapaxes(1, 2)
+        found, shape = self.constant.copy(), (len(self.ratios), len(self.bent_columns), -1)
+        found[:, self.bent_rows[:, None], self.bent_columns] = slopes.reshape(shape).swapaxes(1, 2)
         return value.copy(), found

@@ -51,6 +51,9 @@ enum smpc_qp {
 /* Where the input comes from. */
 enum smpc_source { SMPC_FROM_SOLUTION = 0, SMPC_FROM_PLAN = 1, SMPC_HELD = 2 };
 
+/* Bytes of an smpc_controller, for those who cannot ask the compiler. */
+unsigned long smpc_memory(void);
+
 /* Forgets everything; call it first. */
 void smpc_init(smpc_controller *c);
 

@@ -1,0 +1,78 @@
+/* The last guard of an input, and the limits that a user may narrow. */
+#include "guard.h"
+
+#include "parts.h"
+
+#include <string.h>
+
+enum { inputs = SMPC_INPUTS };
+
+static real within(real value, real low, real high)
+{
+    if (!(value >= low)) value = low; /* not a number too */
+    return value <= high ? value : high;
+}
+
+void smpc_inside(const smpc_controller *c, const real *u, real *to)
+{
+    for (int i = 0; i < inputs; i++) to[i] = within(u[i], c->low[i], c->high[i]);
+}
+
+void smpc_guarded(const smpc_controller *c, const real *before, const real *u, real *to)
+{
+    for (int i = 0; i < inputs; i++) {
+        const real near = within(u[i], before[i] + c->fall[i], before[i] + c->rise[i]);
+        to[i] = within(near, c->low[i], c->high[i]);
+    }
+}
+
+int smpc_make_finite(const smpc_controller *c, const real *u, real *to)
+{
+    real none[SMPC_INPUTS] = {0};
+    if (!c->has_last) smpc_inside(c, none, none);
+    for (int i = 0; i < inputs; i++)
+        to[i] = fabs(u[i]) <= SMPC_HUGE ? u[i] : c->has_last ? c->last_u[i] : none[i];
+    return smpc_all_finite(u, inputs);
+}
+
+static void widest(smpc_controller *c)
+{
+    memcpy(c->low, smpc_least_input, sizeof c->low);
+    memcpy(c->high, smpc_most_input, sizeof c->high);
+    memcpy(c->fall, smpc_most_fall, sizeof c->fall);
+    memcpy(c->rise, smpc_most_rise, sizeof c->rise);
+}
+
+int smpc_set_limits(
+    smpc_controller *c, const real *low, const real *high, const real *fall, const real *rise)
+{
+    smpc_controller *kept = c;
+    real bounds[4][SMPC_INPUTS];
+    const real *given[4] = {low, high, fall, rise};
+    const real *widest_of[4] = {smpc_least_input, smpc_most_input, smpc_most_fall, smpc_most_rise};
+    real *to[4] = {kept->low, kept->high, kept->fall, kept->rise};
+    for (int b = 0; b < 4; b++)
+        for (int i = 0; i < inputs; i++) {
+            const real wide = widest_of[b][i], value = given[b] ? given[b][i] : wide;
+            if (value != value) return -1;
+            const int wider = b % 2 ? value > wide : value < wide;
+            bounds[b][i] = wider ? wide : value;
+        }
+    for (int i = 0; i < inputs; i++)
+        if (!(bounds[0][i] < bounds[1][i]) || !(bounds[2][i] < bounds[3][i])) return -1;
+    for (int b = 0; b < 4; b++) memcpy(to[b], bounds[b], sizeof bounds[b]);
+    return 0;
+}
+
+unsigned long smpc_memory(void)
+{
+    return (unsigned long)sizeof(smpc_controller);
+}
+
+void smpc_init(smpc_controller *c)
+{
+    memset(c, 0, sizeof *c);
+    c->age = -1;
+    c->cap = SMPC_QP_ITERATIONS;
+    widest(c);
+}

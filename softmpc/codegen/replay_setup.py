@@ -1,0 +1,98 @@
+"""From a flight log and a scene file to the controllers that replay it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from softmpc.codegen.flight_log import FlightLog
+from softmpc.codegen.problem_hash import problem_hash
+from softmpc.codegen.replay import Player
+from softmpc.codegen.replay_python import PythonPlayer
+from softmpc.control.stage import DISTURBANCE
+from softmpc.control.tracking import Setup, read_track_file, ready, set_up
+from softmpc.errors import InputError, errors_in, unknown_name
+from softmpc.rig.rigging import read_rig_file
+
+__all__ = ["PLAYERS", "Replay", "replay_of", "scene_of"]
+
+PLAYERS = ("python", "c", "qemu")
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A log with the task that it was recorded in."""
+
+    log: FlightLog
+    title: str
+    setup: Setup
+
+    @property
+    def torque(self) -> bool:
+        """Whether inputs are torques, not pressures."""
+        return self.setup.ocp.model.scene.actuation.input == "torque"
+
+    @property
+    def default(self) -> tuple[str, ...]:
+        """Which players there are without a wish: Python, and C where it wrote the log."""
+        return ("python", "c") if self.log.header.writer == "C" else ("python",)
+
+    def player(self, name: str) -> Player:
+        """The player of that name."""
+        if name not in PLAYERS:
+            raise InputError(unknown_name("replay", name, PLAYERS))
+        return PythonPlayer(self.setup.controller)
+
+
+def scene_of(log: FlightLog, scene: str | os.PathLike[str] | None = None) -> Path:
+    """The scene file of a log: the one given, or the log's own, from here or beside the log."""
+    if scene is not None:
+        return Path(scene)
+    name = log.header.scene
+    if not name:
+        raise InputError(
+            f"{log.path}: names no scene file: give the one it was made with (--scene)"
+        )
+    for candidate in (Path(name), log.path.parent / name, log.path.parent / Path(name).name):
+        if candidate.is_file():
+            return candidate
+    raise InputError(
+        f"{log.path}: its scene file {name!r} is neither here nor beside the log: give it (--scene)"
+    )
+
+
+def replay_of(
+    log: FlightLog, scene: str | os.PathLike[str] | None = None, progress: Progress | None = None
+) -> Replay:
+    """Make the controller of a log from its scene file.
+
+    Raises `InputError` where the scene makes another problem than the one the log is of.
+    """
+    path = scene_of(log, scene)
+    title, own, task = read_track_file(path, "project")  # the log says what it was given
+    rig = read_rig_file(path) if DISTURBANCE in log.header.names else None
+    disturbance = None if rig is None else rig.disturbance
+    with errors_in(path):
+        setup = ready(lambda report: set_up(own, task, disturbance, report), progress)
+    _check(log, path, setup)
+    return Replay(log, title, setup)
+
+
+def _check(log: FlightLog, path: Path, setup: Setup) -> None:
+    t, h = setup.controller.transcription, log.header
+    sizes = {"intervals": t.N, "states": t.nx, "inputs": t.inputs, "references": t.nr}
+    for name, size in sizes.items():
+        if getattr(h, name) != size:
+            raise InputError(
+                f"{log.path}: its controller has {getattr(h, name)} {name}; that of {path} has "
+                f"{size}: give the scene file it was made with (--scene)"
+            )
+    own = problem_hash(t, getattr(setup.controller.solver, "blocks", None))
+    if h.scene_hash != own:
+        raise InputError(
+            f"{log.path}: is of another problem ({h.scene_hash}) than {path} ({own}), though of the "
+            "same sizes: give the scene file it was made with (--scene), as it was then"
+        )
