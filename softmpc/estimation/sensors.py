@@ -136,13 +136,17 @@ class SectionTips(Sensor):
     noise: float = 5e-4
     sections: tuple[int, ...] = ()  # 1, 2, …; all without any
 
-    def reading(self, model: Model) -> Reading:
+    def rows(self, model: Model) -> list[int]:
+        """Which of the coordinates (3S) of the tips of all sections it reads."""
         count = len(model.scene.manipulator.sections)
         chosen = self.sections or tuple(range(1, count + 1))
         if not set(chosen) <= set(range(1, count + 1)):
             raise InputError(f"section_tips: sections = {chosen}: must be from 1 to {count}")
-        rows = [3 * (section - 1) + axis for section in chosen for axis in range(3)]
-        names = tuple(f"{axis} of tip {section}" for section in chosen for axis in "xyz")
+        return [3 * (section - 1) + axis for section in chosen for axis in range(3)]
+
+    def reading(self, model: Model) -> Reading:
+        rows = self.rows(model)
+        names = tuple(f"{'xyz'[row % 3]} of tip {row // 3 + 1}" for row in rows)
         none = (
             np.zeros((len(rows), len(model.layout.x))),
             np.zeros((len(rows), len(model.layout.u))),

@@ -1,0 +1,168 @@
+"""The estimator in C, compiled and driven as the one in Python is."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from softmpc.codegen import c_text
+from softmpc.codegen.estimator_data import Window, files
+from softmpc.codegen.model_functions import _stage, sources
+from softmpc.estimation.estimator import Estimate, Estimator
+from softmpc.estimation.sensing import Sample
+from softmpc.model.model import Model
+
+Array = np.ndarray
+C_SOURCES = Path(files.__code__.co_filename).parent / "c"
+OWN = (
+    "estimator.c", "estimator_drive.c", "estimator_knots.c", "estimator_step.c",
+    "estimator_views.c", "kalman.c", "readings.c", "linear.c",
+)  # fmt: skip
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wno-unknown-warning-option")
+OF_FLOAT = ("-DSMPC_FLOAT", "-fsingle-precision-constant")
+COMPILER = next((name for name in ("gcc", "clang", "cc") if shutil.which(name)), None)
+REASONS = (
+    "not finite", "frozen", "after a jump", "too late", "twice", "too far", "too early", "no room",
+    "no such sensor",
+)  # fmt: skip
+LENS = """
+#include "estimator.h"
+#include <string.h>
+unsigned long lens_size(void) { return (unsigned long)sizeof(smpc_estimator); }
+unsigned long lens_sample(void) { return (unsigned long)sizeof(smpc_sample); }
+void lens_now(const smpc_estimator *e, int ahead, smpc_real *x, smpc_real *d, smpc_real *P)
+{
+    const smpc_belief *b = ahead ? &e->ahead : &e->now;
+    smpc_belief_state(b, x, d);
+    memcpy(P, b->P, sizeof b->P);
+}
+int lens_good(const smpc_estimator *e, int sensor) { return e->now.trust.good[sensor]; }
+int lens_knots(const smpc_estimator *e) { return e->count; }
+"""
+
+
+def sizes_of(model: Model) -> str:
+    """As much of `sizes.h` as an estimator needs."""
+    layout, n = model.layout, model.strains
+    values = {
+        "NX": len(layout.x), "INPUTS": len(layout.u), "STRAINS": n, "DRIVE": len(layout.x) - 2 * n,
+        "PRESSURES": len(layout.p), "ACCELERATES": int(model.order == 2),
+    }  # fmt: skip
+    lines = (c_text.define(f"SMPC_{name}", value) for name, value in values.items())
+    return c_text.guard("sizes.h", "".join(lines))
+
+
+def write(folder: Path, estimator: Estimator, window: Window) -> list[Path]:
+    """The generated files of an estimator alone, and the lens of these tests; the C sources."""
+    model = estimator.model
+    scale = (model.layout.ddq if model.order == 2 else model.layout.dq).scale
+    t = SimpleNamespace(model=model, n=model.strains, x_scale=model.layout.x.scale, a_scale=scale)
+    about: Any = SimpleNamespace(t=t)
+    found = files(estimator, window) | {"sizes.h": sizes_of(model), "lens.c": LENS}
+    found |= sources("model", _stage(about))
+    for name, text in found.items():
+        (folder / name).write_text(text)
+    return [folder / name for name in found if name.endswith(".c")]
+
+
+def built(folder: Path, sources: Sequence[Path], library: str, *flags: str) -> ctypes.CDLL:
+    """A library of these and the estimator's own sources."""
+    own = [str(C_SOURCES / name) for name in OWN]
+    command = [
+        str(COMPILER), "-std=c99", "-O1", *flags, "-shared", "-fPIC", f"-I{folder}",
+        f"-I{C_SOURCES}", *own, *map(str, sources), "-o", str(folder / library), "-lm",
+    ]  # fmt: skip
+    subprocess.run(command, check=True)
+    found = ctypes.CDLL(str(folder / library))
+    found.lens_size.restype = found.lens_sample.restype = ctypes.c_ulong
+    return found
+
+
+class CEstimator:
+    """Has the methods of `Estimator` that these tests call."""
+
+    def __init__(self, library: ctypes.CDLL, like: Estimator, real: type = np.float64) -> None:
+        self.library, self.like, self.real = library, like, real
+        self.size = int(library.lens_size())
+        self.memory = ctypes.create_string_buffer(self.size)
+        largest = max(len(reading.names) for reading in like.readings)
+        kind = [("sensor", "i4"), ("stamp", "i4"), ("value", real, (largest,))]
+        self.sample = np.dtype(kind, align=True)
+        assert self.sample.itemsize == library.lens_sample()
+        k = len(like.model.layout.u)
+        self.input = np.dtype([("tick", "i4"), ("u", real, (k,))], align=True)
+        library.smpc_tip_spread.restype = np.ctypeslib.as_ctypes_type(real)
+
+    def _numbers(self, values: Array) -> ctypes.c_void_p:
+        self._kept = np.ascontiguousarray(values, self.real)
+        return self._kept.ctypes.data_as(ctypes.c_void_p)
+
+    def reset(self, x: Array, u: Array, tick: int = 0) -> int:
+        x, u = np.asarray(x, self.real), np.asarray(u, self.real)
+        arrays = (one.ctypes.data_as(ctypes.c_void_p) for one in (x, u))
+        return int(self.library.smpc_estimator_reset(self.memory, *arrays, tick))
+
+    def applied(self, u: Array, tick: int) -> int:
+        return int(self.library.smpc_estimator_applied(self.memory, self._numbers(u), tick))
+
+    def samples(self, samples: Iterable[Sample]) -> Array:
+        samples = list(samples)
+        found = np.zeros(len(samples), self.sample)
+        for row, one in zip(found, samples, strict=True):
+            row["sensor"], row["stamp"] = one.sensor, one.stamp
+            row["value"][: len(one.value)] = one.value
+        return found
+
+    def receive(self, tick: int, samples: Iterable[Sample]) -> None:
+        found = self.samples(samples)
+        pointer = found.ctypes.data_as(ctypes.c_void_p)
+        self.library.smpc_estimator_receive(self.memory, tick, pointer, len(found))
+
+    def estimate(self, tick: int) -> Estimate | int:
+        """The estimate, or the trouble."""
+        trouble = int(self.library.smpc_estimator_estimate(self.memory, tick))
+        return trouble or self._seen(tick, 0)
+
+    def ahead(self, tick: int, inputs: Sequence[tuple[int, Array]] = ()) -> Estimate | int:
+        found = np.zeros(len(inputs), self.input)
+        for row, (since, u) in zip(found, inputs, strict=True):
+            row["tick"], row["u"] = since, u
+        pointer = found.ctypes.data_as(ctypes.c_void_p)
+        trouble = self.library.smpc_estimator_ahead(self.memory, tick, pointer, len(found))
+        return int(trouble) or self._seen(tick, 1)
+
+    def _seen(self, tick: int, ahead: int) -> Estimate:
+        p = self.like.process
+        sizes = (p.nx, len(p.disturbance), (p.size, p.size))
+        x, d, P = (np.zeros(size, self.real) for size in sizes)
+        pointers = (one.ctypes.data_as(ctypes.c_void_p) for one in (x, d, P))
+        self.library.lens_now(self.memory, ahead, *pointers)
+        return Estimate(tick * 1e-3, x, d, P)
+
+    def good(self) -> list[int]:
+        """Ticks of the last good readings."""
+        count = len(self.like.sensors)
+        return [int(self.library.lens_good(self.memory, i)) for i in range(count)]
+
+    def reasons(self) -> list[Counter[str]]:
+        """Of readings that did not count."""
+        left_out = self.library.smpc_estimator_left_out
+        return [
+            Counter({
+                name: count for r, name in enumerate(REASONS)
+                if (count := int(left_out(self.memory, i, r)))
+            })
+            for i in range(len(self.like.sensors))
+        ]  # fmt: skip
+
+    @property
+    def contradicted(self) -> int:
+        return int(self.library.smpc_estimator_contradicted(self.memory))
