@@ -17,7 +17,7 @@ from softmpc.compiled import c_code
 from softmpc.control.linearisation import Linearisation
 from softmpc.control.terms import Terms
 
-__all__ = ["Wrapped", "controller_functions", "sources"]
+__all__ = ["Wrapped", "controller_functions", "in_rows", "sources"]
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,13 @@ class Wrapped:
     name: str
     function: ca.Function
     comment: str
+    real: str = "smpc_real"
 
     @property
     def signature(self) -> str:
         f = self.function
-        given = [f"const smpc_real *{f.name_in(i)}" for i in range(f.n_in())]
-        found = [f"smpc_real *{f.name_out(i)}" for i in range(f.n_out())]
+        given = [f"const {self.real} *{f.name_in(i)}" for i in range(f.n_in())]
+        found = [f"{self.real} *{f.name_out(i)}" for i in range(f.n_out())]
         return f"void smpc_{self.name}({', '.join([*given, *found])})"
 
     @property
@@ -113,11 +114,12 @@ def _terms(name: str, short: str, terms: Terms) -> list[Wrapped]:
 def sources(name: str, functions: list[Wrapped]) -> dict[str, str]:
     """One header with all functions; a source file for each, so that each compiles by itself."""
     lines = [f"/* {one.comment} */\n{one.signature};\n" for one in functions]
-    files = {f"{name}.h": c_text.guard(f"{name}.h", '#include "real.h"\n\n' + "\n".join(lines))}
+    needed = '#include "real.h"\n\n' if any(one.real == "smpc_real" for one in functions) else ""
+    files = {f"{name}.h": c_text.guard(f"{name}.h", needed + "\n".join(lines))}
     for one in functions:
         files[f"{name}_{one.name}.c"] = (
             "/* Written by CasADi; the wrapper at the end is softmpc's. */\n"
-            f'#include "{name}.h"\n#define casadi_real smpc_real\n#define casadi_int int\n'
+            f'#include "{name}.h"\n#define casadi_real {one.real}\n#define casadi_int int\n'
             f"#define CASADI_CODEGEN_PREFIX\n#define CODEGEN_PREFIX smpc_{one.name}_\n"
             f"{_private(c_code(one.function))}\n{one.body}"
         )

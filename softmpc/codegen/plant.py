@@ -8,14 +8,13 @@ the controller computes in.
 
 from __future__ import annotations
 
-import io
-import re
-from contextlib import redirect_stderr
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from softmpc.codegen import c_text
+from softmpc.codegen.model_functions import Wrapped, in_rows, sources
 from softmpc.control.state_map import StateMap
 from softmpc.errors import BuildError, InputError
 from softmpc.model.model import Model
@@ -23,14 +22,14 @@ from softmpc.simulation.runge_kutta import LEAST, MOST
 from softmpc.simulation.system import System
 from softmpc.simulation.tableau import radau_iia
 
-__all__ = ["TOLERANCE", "c_functions", "plant_files"]
+__all__ = ["TOLERANCE", "plant_files"]
 
 STAGES = 3
 TOLERANCE = 1e-8  # m, at the tip, of a step
 
 
 def plant_files(plant: Model, controller: Model, tolerance: float = TOLERANCE) -> dict[str, str]:
-    """plant_data.h, plant_data.c, plant_model.h and plant_model.c, by name in `demo`.
+    """Constants and functions of the plant, files in `demo` by name.
 
     `tolerance`: error of a step (m, at the tip). The state of `controller` follows from the
     plant's by `StateMap`. Raises `BuildError` for an arm with neither mass nor damping,
@@ -45,72 +44,47 @@ def plant_files(plant: Model, controller: Model, tolerance: float = TOLERANCE) -
         )
     system = System(plant)
     functions = [_rows(system), _blocks(system), _drive(system), _ends(plant)]
-    code, header = c_functions("plant_model", functions)
     arrays = _arrays(system, StateMap(plant, controller))
     declared = "".join(c_text.declaration(n, v.size, "double") for n, v in arrays.items())
-    sizes = _sizes(system, functions, len(controller.layout.x), tolerance)
+    sizes = _sizes(system, len(controller.layout.x), tolerance)
     return {
+        **sources("demo/plant_model", functions),
         "demo/plant_data.h": c_text.guard("plant_data.h", f"{sizes}\n{declared}"),
         "demo/plant_data.c": '#include "plant_data.h"\n\n'
         + "\n".join(c_text.array(name, value, "double") for name, value in arrays.items()),
-        "demo/plant_model.h": header,
-        "demo/plant_model.c": code,
     }
-
-
-def c_functions(name: str, functions: list[ca.Function]) -> tuple[str, str]:
-    """C code of CasADi functions under their own names, and a header that declares them.
-
-    Raises `BuildError` where CasADi cannot write all of it.
-    """
-    generator = ca.CodeGenerator(f"smpc_{name}.c", {"with_header": False})
-    with redirect_stderr(io.StringIO()):  # its warnings are #error in the code
-        for function in functions:
-            generator.add(function)
-        code = str(generator.dump())
-    holes = re.findall(r"^\s*#error (.+)$", code, re.MULTILINE)
-    if holes:
-        raise BuildError(f"{name}: CasADi has no C code for this: {holes[0]}")
-    arguments = "const double **arg, double **res, long long int *iw, double *w, int mem"
-    declared = "\n".join(_declared(function, arguments) for function in functions)
-    return code, c_text.guard(f"{name}.h", declared)
-
-
-def _declared(function: ca.Function, arguments: str) -> str:
-    return f"/* {str(function).removesuffix(' SXFunction').removesuffix(' MXFunction')} */\n" + (
-        f"int {function.name()}({arguments});\n"
-    )
 
 
 # --- functions ------------------------------------------------------------------------------------
 
 
-def _rows(system: System) -> ca.Function:
-    """Scaled rows of a stage, zero along a motion."""
-    return _dense("smpc_plant_rows", system.rows)
+def _rows(system: System) -> Wrapped:
+    return _wrapped("rows", system.rows, "scaled equations of a stage, zero along a motion")
 
 
-def _blocks(system: System) -> ca.Function:
-    """Their derivatives by the unknowns and by the two integrals of these, column by column."""
-    return _dense("smpc_plant_blocks", system.blocks)
+def _blocks(system: System) -> Wrapped:
+    return _wrapped("blocks", system.blocks, "slopes in the unknowns, their first, second integral")
 
 
-def _dense(name: str, function: ca.Function) -> ca.Function:
-    inputs = [ca.MX.sym(of, *function.size_in(of)) for of in function.name_in()]
-    outputs = [ca.densify(part) for part in function.call(inputs)]
-    return ca.Function(name, inputs, outputs, function.name_in(), function.name_out())
+def _wrapped(name: str, function: ca.Function, comment: str) -> Wrapped:
+    names = ["acting" if of == "w" else of for of in function.name_in()]  # w is work memory in C
+    given: dict[str, Any] = {
+        of: ca.MX.sym(of, *function.size_in(i)) for i, of in enumerate(names)
+    }
+    found = dict(zip(function.name_out(), function.call([*given.values()]), strict=True))
+    return Wrapped(f"plant_{name}", in_rows(f"plant_{name}", given, found), comment, "double")
 
 
-def _drive(system: System) -> ca.Function:
-    """States and pressures of the linear drive t seconds after z, the input u being held."""
+def _drive(system: System) -> Wrapped:
     layout, drive = system.model.layout, system.model.drive
     h, k = len(layout.z), len(layout.u)
     z, u, t = ca.SX.sym("z", h), ca.SX.sym("u", k), ca.SX.sym("t")
     after = z if system.drive is None else _moved(system, z, u, t)
     pressures = _sparse(drive.C) @ after + _sparse(drive.D) @ u
-    outputs = [ca.densify(after), ca.densify(pressures)]
-    names = [["z", "u", "t"], ["z_after", "p"]]
-    return ca.Function("smpc_plant_drive", [z, u, t], outputs, *names, {"cse": True})
+    given = {"z": z, "u": u, "t": t}
+    function = in_rows("plant_drive", given, {"z_after": after, "p": pressures})
+    comment = "states and pressures of the linear drive t seconds after z, u being held"
+    return Wrapped("plant_drive", function, comment, "double")
 
 
 def _moved(system: System, z: ca.SX, u: ca.SX, t: ca.SX) -> ca.SX:
@@ -130,10 +104,11 @@ def _moved(system: System, z: ca.SX, u: ca.SX, t: ca.SX) -> ca.SX:
     return found
 
 
-def _ends(plant: Model) -> ca.Function:
+def _ends(plant: Model) -> Wrapped:
     q = ca.MX.sym("q", plant.strains)
     tips = ca.vec(plant.frames(q)[0])
-    return ca.Function("smpc_plant_ends", [q], [tips], ["q"], ["tips"])
+    function = in_rows("plant_ends", {"q": q}, {"tips": tips})
+    return Wrapped("plant_ends", function, "places of the ends of the sections", "double")
 
 
 def _sparse(matrix: np.ndarray) -> ca.DM:
@@ -159,7 +134,7 @@ def _arrays(system: System, seen: StateMap) -> dict[str, np.ndarray]:
     return {f"smpc_plant_{name}": value for name, value in found.items()}
 
 
-def _sizes(system: System, functions: list[ca.Function], seen: int, tolerance: float) -> str:
+def _sizes(system: System, seen: int, tolerance: float) -> str:
     layout = system.model.layout
     sizes: dict[str, tuple[object, str]] = {
         "NX": (len(layout.x), "states: strains, their rates, drive"),
@@ -176,9 +151,5 @@ def _sizes(system: System, functions: list[ca.Function], seen: int, tolerance: f
         "STAGES": (STAGES, "of a step"),
         "UNKNOWNS": (STAGES * system.size, "of a step"),
         "TOLERANCE": (float(tolerance), "m, at the tip, of a step"),
-        "ARG": (max(f.sz_arg() for f in functions), "work space of the functions of the model"),
-        "RES": (max(f.sz_res() for f in functions), ""),
-        "IW": (max(f.sz_iw() for f in functions), ""),
-        "WORK": (max(f.sz_w() for f in functions), ""),
     }
     return "".join(c_text.define(f"SMPC_PLANT_{name}", *both) for name, both in sizes.items())

@@ -64,8 +64,7 @@ def reference_files(setup: Setup, references: Array, title: str = "") -> dict[st
 
 
 _ABOUT = """/* References at coming nodes, SMPC_NR numbers a row: step k is told of SMPC_N rows from row
- * k * SMPC_RUN_AHEAD on. Places that are asked for at all samples (m), state and input at the start.
- */
+ * k * SMPC_RUN_AHEAD on. Places asked for at all samples (m), state and input at the start. */
 """
 
 

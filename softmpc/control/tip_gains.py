@@ -27,7 +27,7 @@ WEAK = 0.02  # of the largest singular value: directions of the tip that inputs 
 FREQUENCIES = 120
 SLOWEST = 0.3  # rad/s
 RATIOS = (0.0, 0.01, 0.02, 0.04, 0.06, 0.08, 0.1, 0.13, 0.17, 0.25, 0.4)  # s, k/k_i
-LEAST, MOST, FACTOR = 0.02, 100.0, 1.05  # 1/s, of k_i
+LEAST, MOST, FACTOR = 0.02, 100.0, 1.1  # 1/s, of k_i
 
 Array = Any
 

@@ -22,11 +22,9 @@ const double *smpc_plant_state(const smpc_plant *p)
     return p->x;
 }
 
-void smpc_plant_tips(smpc_plant *p, double *tips)
+void smpc_plant_tips(const smpc_plant *p, double *tips)
 {
-    p->arg[0] = p->x;
-    p->res[0] = tips;
-    smpc_plant_ends(p->arg, p->res, p->iw, p->work, 0);
+    smpc_plant_ends(p->x, tips);
 }
 
 void smpc_plant_seen(const smpc_plant *p, const double *u, double *x)

@@ -36,10 +36,6 @@ typedef struct smpc_plant {
     double newton[SMPC_PLANT_UNKNOWNS * SMPC_PLANT_UNKNOWNS];
     double found[SMPC_PLANT_UNKNOWNS], change[SMPC_PLANT_UNKNOWNS];
     int pivot[SMPC_PLANT_UNKNOWNS];
-    const double *arg[SMPC_PLANT_ARG];
-    double *res[SMPC_PLANT_RES];
-    long long int iw[SMPC_PLANT_IW + 1];
-    double work[SMPC_PLANT_WORK + 1];
 } smpc_plant;
 
 /* Starts at the state x0 (SMPC_PLANT_NX). */
@@ -53,7 +49,7 @@ int smpc_plant_step(smpc_plant *p, const double *u, double seconds);
 const double *smpc_plant_state(const smpc_plant *p);
 
 /* Places of the ends of the sections, base to tip, 3 numbers each (m). */
-void smpc_plant_tips(smpc_plant *p, double *tips);
+void smpc_plant_tips(const smpc_plant *p, double *tips);
 
 /* The state of the controller's model (SMPC_PLANT_SEEN numbers) for the plant's, the input u
  * acting. */

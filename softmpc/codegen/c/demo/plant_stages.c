@@ -29,33 +29,18 @@ typedef struct state {
 
 /* --- the equations of a stage ----------------------------------------------------------------- */
 
-static void call(smpc_plant *p, const state *s, const double *y, const double *w)
+static void rows_at(const state *s, const double *y, const double *w, double *rows)
 {
-    p->arg[0] = s->q;
-    p->arg[1] = s->dq;
-    p->arg[2] = s->z;
-    p->arg[3] = y;
-    p->arg[4] = w;
-}
-
-static void rows_at(smpc_plant *p, const state *s, const double *y, const double *w, double *rows)
-{
-    call(p, s, y, w);
-    p->res[0] = rows;
-    smpc_plant_rows(p->arg, p->res, p->iw, p->work, 0);
+    smpc_plant_rows(s->q, s->dq, s->z, y, w, rows);
 }
 
 static void blocks_at(smpc_plant *p, const state *s, const double *y, const double *w)
 {
-    call(p, s, y, w);
-    p->res[0] = p->by_y;
-    p->res[1] = p->by_first;
-    p->res[2] = p->by_second;
-    smpc_plant_blocks(p->arg, p->res, p->iw, p->work, 0);
+    smpc_plant_blocks(s->q, s->dq, s->z, y, w, p->by_y, p->by_first, p->by_second);
 }
 
 /* Pressures, or the input of a drive that is solved with the arm, so long after `held` (s). */
-static void drive_at(smpc_plant *p, double after, double *z, double *w)
+static void drive_at(const smpc_plant *p, double after, double *z, double *w)
 {
     double t = p->held + after;
 
@@ -63,12 +48,7 @@ static void drive_at(smpc_plant *p, double after, double *z, double *w)
         if (w) memcpy(w, p->u, sizeof p->u);
         return;
     }
-    p->arg[0] = p->z;
-    p->arg[1] = p->u;
-    p->arg[2] = &t;
-    p->res[0] = z;
-    p->res[1] = w;
-    smpc_plant_drive(p->arg, p->res, p->iw, p->work, 0);
+    smpc_plant_drive(p->z, p->u, &t, z, w);
 }
 
 static state state_now(const smpc_plant *p)
@@ -113,10 +93,9 @@ int smpc_plant_begin(smpc_plant *p)
     memset(p->y, 0, sizeof p->y);
     drive_at(p, 0.0, 0, p->w);
     for (int round = 0; round < 2; round++) { /* the second one takes the rounding out */
-        rows_at(p, &s, p->y, p->w, rows);
+        rows_at(&s, p->y, p->w, rows);
         blocks_at(p, &s, p->y, p->w);
-        for (int i = 0; i < SIZE * SIZE; i++) /* CasADi's matrices are column by column */
-            p->newton[i] = p->by_y[(i % SIZE) * SIZE + i / SIZE];
+        memcpy(p->newton, p->by_y, sizeof p->by_y);
         if (smpc_plant_factorise(p->newton, p->pivot, SIZE) != 0) return -1;
         smpc_plant_solve(p->newton, p->pivot, SIZE, rows);
         for (int i = 0; i < SIZE; i++) p->y[i] -= smpc_plant_y_scale[i] * rows[i];
@@ -157,7 +136,7 @@ static int prepare(smpc_plant *p, double h)
             double twice = h * h * smpc_plant_A2[i * STAGES + j];
             for (int a = 0; a < SIZE; a++)
                 for (int b = 0; b < SIZE; b++) {
-                    int at = b * SIZE + a;
+                    int at = a * SIZE + b;
                     p->newton[(i * SIZE + a) * ALL + j * SIZE + b] =
                         (i == j ? p->by_y[at] : 0.0) + once * p->by_first[at] +
                         twice * p->by_second[at];
@@ -203,7 +182,7 @@ int smpc_plant_solve_stages(smpc_plant *p, double h)
 
         for (int i = 0; i < STAGES; i++) {
             state s = state_at(p, h, p->found, i);
-            rows_at(p, &s, p->found + i * SIZE, p->w + i * SMPC_PLANT_NW, p->change + i * SIZE);
+            rows_at(&s, p->found + i * SIZE, p->w + i * SMPC_PLANT_NW, p->change + i * SIZE);
         }
         smpc_plant_solve(p->newton, p->pivot, ALL, p->change);
         for (int i = 0; i < ALL; i++)
@@ -233,7 +212,7 @@ double smpc_plant_error(smpc_plant *p, double h)
     for (int b = 0; b < SIZE; b++)
         for (int a = 0; a < SIZE; a++)
             for (int i = 0; i < STAGES; i++)
-                raw[i * SIZE + a] += p->by_y[b * SIZE + a] * scaled[b];
+                raw[i * SIZE + a] += p->by_y[a * SIZE + b] * scaled[b];
     smpc_plant_solve(p->newton, p->pivot, ALL, raw);
     raw += (STAGES - 1) * SIZE;
     for (int a = 0; a < SIZE; a++)
