@@ -22,11 +22,12 @@ from softmpc.codegen.data import ControllerData
 from softmpc.codegen.model_functions import controller_functions, sources
 from softmpc.codegen.sizes import sizes_header
 from softmpc.control.closed_loop import Start
+from softmpc.control.mpc import Mpc
 from softmpc.control.real_time import RealTime
 from softmpc.control.tracking import Setup, read_track_file, ready, set_up
 from softmpc.errors import BuildError, InputError, errors_in
 
-__all__ = ["Generated", "generate", "generate_file"]
+__all__ = ["Generated", "generate", "generate_controller", "generate_file"]
 
 ITERATIONS = 1000  # of the quadratic program in a step, as in Python
 CORE = (
@@ -69,33 +70,46 @@ def generate(
     setup: Setup, out: str | os.PathLike[str], *, iterations: int = ITERATIONS,
     max_rows: int | None = None,
 ) -> Generated:  # fmt: skip
-    """Write the controller of a tracking task into the folder `out`.
+    """Write the controller of a tracking task into the folder `out`, see `generate_controller`."""
+    start = _controller_start(setup)
+    return generate_controller(
+        setup.controller, out, start=start, iterations=iterations, max_rows=max_rows
+    )
 
+
+def generate_controller(
+    mpc: Mpc, out: str | os.PathLike[str], *, start: Start, iterations: int = ITERATIONS,
+    max_rows: int | None = None, more: Mapping[str, str] | None = None,
+) -> Generated:  # fmt: skip
+    """Write a controller into the folder `out`.
+
+    `start` is a state of rest of its model, from which it is judged whether float is enough.
     `iterations` is the most that the quadratic program takes in a step, `max_rows` how many rows of
-    limits may be near or active at once (all of them by default). Raises `BuildError` for a solver
-    other than real-time iteration, `InputError` where the folder holds something else.
+    limits may be near or active at once (all of them by default), `more` are files beside. Raises
+    `BuildError` for a solver other than real-time iteration, `InputError` where the folder holds
+    something else.
     """
     if not 1 <= iterations <= 1_000_000:
         raise InputError(f"iterations = {iterations}: must be between 1 and 1,000,000")
-    solver = _real_time(setup)
+    solver = _real_time(mpc)
     data = ControllerData(solver, 1_000_000 if max_rows is None else max_rows)
     texts = sources("model", controller_functions(solver.linearisation))
     texts["data.h"], texts["data.c"] = data.text()
-    identity = _identity(setup, texts)
-    start = _controller_start(setup)
+    identity = _identity(texts)
     worst = conditioning(solver, [(start.x, start.u)])
     texts["sizes.h"] = sizes_header(data, identity, iterations, worst)
+    texts |= more or {}
     folder = _folder(Path(out))
     _write(folder, texts)
     return Generated(folder, tuple(sorted(texts)), identity, worst, data.sizes)
 
 
-def _real_time(setup: Setup) -> RealTime:
-    solver = setup.controller.solver
+def _real_time(mpc: Mpc) -> RealTime:
+    solver = mpc.solver
     if not isinstance(solver, RealTime) or not solver.splits:
         raise BuildError(
-            f"codegen: the solver is {setup.task.controller.solver!r}; C code is made of real-time "
-            'iteration: set solver = "real-time" in [track.controller]'
+            f"codegen: the solver is {type(solver).__name__}; C code is made of real-time iteration: "
+            'set solver = "real-time" in [track.controller]'
         )
     return solver
 
@@ -108,7 +122,7 @@ def _controller_start(setup: Setup) -> Start:
     return Start(to_state(setup.start.x, setup.start.u), setup.start.u)
 
 
-def _identity(setup: Setup, texts: Mapping[str, str]) -> dict[str, str]:
+def _identity(texts: Mapping[str, str]) -> dict[str, str]:
     """Version and a hash of everything that decides what the controller does."""
     digest = hashlib.sha256()
     for name in sorted(texts):

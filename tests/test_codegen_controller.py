@@ -1,0 +1,161 @@
+"""The controller in C against the one in Python, which runs in CasADi's virtual machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from arms import PAPER, SMALL, arm
+
+from softmpc.codegen.compiled_controller import CompiledController
+from softmpc.codegen.generate import generate_controller
+from softmpc.compiler import compiler
+from softmpc.control.closed_loop import Start, start_at
+from softmpc.control.costs import (
+    RestAtEnd,
+    StrainRate,
+    TipDirection,
+    TipPosition,
+    Torque,
+    TorqueRate,
+    about_plan,
+)
+from softmpc.control.limits import (
+    PressureLimit,
+    StrainLimit,
+    StrokeLimit,
+    TipBox,
+    TorqueLimit,
+    TorqueRateLimit,
+)
+from softmpc.control.mpc import Mpc
+from softmpc.control.ocp import Ocp
+from softmpc.control.real_time import RealTime
+from softmpc.control.transcription import Transcription
+from softmpc.errors import BuildError, InputError
+from softmpc.model.actuation import PressureDrive
+from softmpc.model.disturbance import Disturbance
+from softmpc.model.effects import Gravity, MaterialDamping
+from softmpc.model.model import Model, build
+from softmpc.model.scene import Scene
+from softmpc.simulation.runge_kutta import RadauIIA
+from softmpc.statics.equilibrium import find_equilibrium
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+COSTS = (TipPosition(), Torque(), TorqueRate(), StrainRate())
+ONE = arm(PAPER.sections[0])
+TORQUES = (TorqueLimit(0.0, 2.0), PressureLimit(0.0, 0.9e6, soft=1e-4))
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem, and how it is solved."""
+
+    scene: Scene
+    costs: tuple[Any, ...] = COSTS
+    limits: tuple[Any, ...] = TORQUES
+    intervals: int = 6
+    grid: tuple[float, ...] = ()
+    blocks: tuple[int, ...] | None = None
+    stages: int = 2
+    disturbed: bool = False
+    far: float = 0.02  # m, of the target
+
+    def mpc(self) -> tuple[Mpc, Start]:
+        model = build(self.scene)
+        disturbance = everything_unknown(model) if self.disturbed else None
+        ocp = Ocp(model, self.intervals, 0.025, self.costs, self.limits, grid=self.grid,
+                  disturbance=disturbance)  # fmt: skip
+        t = Transcription(ocp, self.stages)
+        mpc = Mpc(t, RealTime(t, blocks=self.blocks, mode="never"))
+        return mpc, start_at(model, find_equilibrium(model, resting_pressures(model)))
+
+
+def everything_unknown(model: Model) -> Disturbance:
+    return Disturbance.of(model.scene)
+
+
+def resting_pressures(model: Model) -> np.ndarray:
+    return np.linspace(0.2e6, 0.4e6, len(model.layout.p))
+
+
+PLAIN = Scene(ONE)
+CASES = {
+    "plain": Case(PLAIN),
+    "two sections of other sizes": Case(Scene(arm(PAPER.sections[0], SMALL)), intervals=4),
+    "blocks": Case(PLAIN, intervals=8, blocks=(1, 1, 2, 4)),
+    "grid": Case(PLAIN, intervals=5, grid=(1, 1, 1.5, 2, 4)),
+    "one stage": Case(PLAIN, stages=1),
+    "three stages": Case(PLAIN, stages=3, intervals=4),
+    "one interval": Case(PLAIN, intervals=1),
+    "quasi-static": Case(replace(PLAIN, effects=(MaterialDamping(), Gravity()))),
+    "pressures": Case(
+        Scene(ONE, actuation=PressureDrive()), limits=(TorqueLimit(0.0, 0.9e6),)
+    ),
+    "hard limits of states": Case(
+        PLAIN, limits=(*TORQUES, StrainLimit(-0.05, 0.12), StrokeLimit(-1.0, 0.2))
+    ),
+    "hard and soft boxes": Case(
+        PLAIN, far=0.05,
+        limits=(*TORQUES, TipBox(0.0, 0.6), TipBox(-0.004, 0.5, axis="x", soft=1e-3)),
+    ),
+    "rates": Case(PLAIN, limits=(TorqueLimit(0.0, 2.0), TorqueRateLimit(-0.05, 0.05)), far=0.05),
+    "direction and end": Case(
+        PLAIN, costs=(*COSTS, TipDirection(), RestAtEnd(factor=0.05 * np.eye(20)[::2])), grid=(1, 1, 2, 2, 3, 4)
+    ),
+    "disturbed": Case(PLAIN, disturbed=True),
+    "planned": Case(PLAIN, costs=about_plan(COSTS)),
+}  # fmt: skip
+
+
+def references(mpc: Mpc, start: Start, tip: np.ndarray, random: np.random.Generator) -> dict:
+    """Whatever the problem asks for."""
+    t, N, found = mpc.transcription, mpc.ocp.intervals, {}
+    for name, size in t.objective.references.items():
+        found[name] = {
+            "tip": np.tile(tip, (N, 1)),
+            "axis": np.tile([0.1, 0.0, 0.99], (N, 1)),
+            "rest": np.tile(start.x, (N, 1)),
+            "rest input": np.tile(start.u, (N, 1)),
+            "planned input": np.tile(start.u, (N, 1)),
+            "disturbance": np.tile(0.02 * random.normal(size=size), (N, 1)),
+        }.get(name, np.zeros((N, size)))
+    return found
+
+
+def loop(mpc: Mpc, ours: CompiledController, start: Start, far: float, steps: int):
+    """Both controllers side by side; the plant follows Python's. Targets jump now and then."""
+    model, random = mpc.ocp.model, np.random.default_rng(5)
+    plant, x, u = RadauIIA(model, tolerance=1e-5), start.x, start.u
+    home = np.asarray(model.tip(start.x[: model.strains])).ravel()
+    mpc.reset()
+    ours.reset()
+    for k in range(steps):
+        if k % 8 == 0:
+            tip = home + far * random.uniform(-1, 1, 3) * [1, 1, 0.3]
+        given = references(mpc, start, tip, random)
+        theirs, own = mpc.step(x, u, given), ours.step(x, u, given)
+        yield theirs, own
+        u = theirs.u
+        x = plant.advance(x, u, 0.025)[-1]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_same_steps_as_python(name: str, tmp_path: Path) -> None:
+    case = CASES[name]
+    mpc, start = case.mpc()
+    made = generate_controller(mpc, tmp_path / "c", start=start)
+    ours = CompiledController(made.folder, mpc.transcription, flags=["-O1"])
+    scale = mpc.transcription.u_scale[: mpc.transcription.inputs]
+    worst = 0.0
+    for theirs, own in loop(mpc, ours, start, case.far, 30):
+        assert (own.status, own.source, own.qp) == (theirs.status, theirs.source, theirs.qp)
+        assert own.share == theirs.share
+        worst = max(worst, float(np.abs((own.u - theirs.u) / scale).max()))
+        np.testing.assert_allclose(own.cost, theirs.cost, rtol=1e-9)
+        np.testing.assert_allclose(own.kkt, theirs.kkt, rtol=1e-6, atol=1e-9)
+    assert worst <= 1e-9
