@@ -35,6 +35,7 @@ COMMANDS = {
     "simulate": "Run the motion that a scene describes.",
     "plan": "Plan the motion of least time, effort or jerk through goals.",
     "track": "Move the tip along a path by nonlinear MPC.",
+    "replay": "Run a flight log through the controllers again.",
     "compare": "Compare the section tips of two simulations.",
     "ablate": "Show what each part of a scene changes and costs.",
     "reproduce": "Put the paper's numbers and figures beside the model's.",
@@ -107,5 +108,5 @@ def main() -> None:
 
     SCENE is a TOML file that says what the arm is and what it does. Every command takes --json,
     --out DIR and -v. Exit status: 0 good, 2 wrong input, 3 a solver did not converge or the
-    motion stopped, 130 interrupted.
+    motion stopped, 4 a replay differs, 130 interrupted.
     """

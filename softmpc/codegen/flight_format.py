@@ -17,7 +17,7 @@ import numpy as np
 __all__ = [
     "MAGIC", "QP", "SOURCES", "STATUSES", "Event", "Header", "Kind", "Limits", "Reset", "Settings",
     "Snapshot", "StepRecord", "frame", "put_header", "put_limits", "put_reset", "put_settings",
-    "put_snapshot", "put_step",
+    "put_snapshot", "put_step", "qp_code",
 ]  # fmt: skip
 
 MAGIC = b"\x89SMPC\r\n\x1a"
@@ -36,7 +36,7 @@ NOT_NAMED = 0xFF
 STATUSES = ("solved", "iteration cap", "budget overrun", "input not finite", "failed")
 SOURCES = ("solution", "shifted plan", "held input")
 QP = (
-    "", "optimal", "not optimal", "infeasible", "cycling", "iteration limit", "not convex",
+    "not asked", "optimal", "not optimal", "infeasible", "cycling", "iteration limit", "not convex",
     "time limit", "not finite", "singular", "too many rows",
 )  # fmt: skip
 WRITERS = ("C", "Python")
@@ -68,10 +68,10 @@ class Header:
     scene_hash: str  # of the controller's problem
     version: str  # of softmpc
     build: str  # of the controller: the same text promises the same bits
-    names: str  # of the references and their sizes, such as "tip 3"
+    names: str  # of the references and their sizes, such as "tip[3], rest[34]"
     scene: str = ""  # its file, where that is known
     real_bytes: int = 8  # of a number: 8 double, 4 float
-    writer: str = "Python"
+    writer: str = "Python"  # whose controller it is: that in C, or that in Python
 
     @property
     def real(self) -> np.dtype:
@@ -81,7 +81,7 @@ class Header:
 
 @dataclass(frozen=True)
 class Reset:
-    """The controller forgot everything before step `number`."""
+    """The controller forgot everything before step `number`, what a user has set too."""
 
     number: int
 
@@ -117,8 +117,9 @@ class Snapshot:
     failures: int  # steps in a row
     violation: float  # of the plan
     u: Array | None  # given last
-    plan: Array | None  # scaled variables
-    active: Array | None  # -1: a row at its lower limit, 1: at the upper one
+    plan: Array | None  # scaled: inputs and slacks, unknowns of stages, states; interval by interval
+    expected: Array | None  # the state that the plan expects now, scaled
+    active: Array | None  # -1: a constraint at its lower limit, 1: at the upper one
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,11 @@ class Settings:
 
 
 Event = Reset | StepRecord | Snapshot | Limits | Settings
+
+
+def qp_code(name: str) -> int:
+    """Index in QP of how a quadratic program ended, in words; "" is one that was not asked."""
+    return QP.index(name or QP[0]) if not name or name in QP else NOT_NAMED
 
 
 # ---------------------------------------------------------------- bytes
@@ -202,7 +208,7 @@ def put_snapshot(header: Header, snapshot: Snapshot) -> bytes:
     flags = sum(flag for part, flag in parts if part is not None)
     counts = (0 if part is None else len(part) for part in (s.plan, s.active))
     fixed = SNAPSHOT.pack(s.number, min(s.age, UNKNOWN), min(s.failures, UNKNOWN), flags, *counts)
-    numbers = [[s.violation], [] if s.u is None else s.u, [] if s.plan is None else s.plan]
+    numbers = [[s.violation], *(part for part in (s.u, s.plan, s.expected) if part is not None)]
     body = b"".join(_reals(real, part).tobytes() for part in numbers)
     active = b"" if s.active is None else np.asarray(s.active).astype("i1").tobytes()
     return frame(Kind.SNAPSHOT, fixed + body + active)

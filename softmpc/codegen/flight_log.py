@@ -24,7 +24,7 @@ from softmpc.codegen.flight_format import (
 )
 from softmpc.errors import InputError
 
-__all__ = ["FlightLog", "read_log"]
+__all__ = ["FlightLog", "header_in", "read_log"]
 
 LONGEST = 1 << 24  # bytes of a record: what says more is damaged
 
@@ -58,12 +58,21 @@ def read_log(path: str | os.PathLike[str]) -> FlightLog:
     if not data.startswith(form.MAGIC):
         raise InputError(f"{path}: is no flight log of softmpc: {_what_it_is(data)}")
     records = _Records(data, len(form.MAGIC))
+    header = _header(path, records)
+    events, skipped = _events(records, header)
+    return FlightLog(path, header, tuple(events), records.damage, skipped)
+
+
+def header_in(data: bytes) -> Header:
+    """The header in the first bytes of a log. Raises `InputError` where there is none."""
+    return _header(Path("header"), _Records(data, len(form.MAGIC)))
+
+
+def _header(path: Path, records: _Records) -> Header:
     kind, payload = records.next() or (None, b"")
     if kind != Kind.HEADER:
         raise InputError(f"{path}: its header is damaged: {records.damage or 'it is missing'}")
-    header = _get_header(path, payload)
-    events, skipped = _events(records, header)
-    return FlightLog(path, header, tuple(events), records.damage, skipped)
+    return _get_header(path, payload)
 
 
 def _what_it_is(data: bytes) -> str:
@@ -223,11 +232,13 @@ def _get_snapshot(got: _Payload, _: StepRecord | None) -> Snapshot:
     number, age, failures, flags, plan, active = got.fixed(form.SNAPSHOT)
     violation = float(got.reals(1)[0])
     u = got.reals(got.header.inputs) if flags & form.HAS_INPUT else None
-    w, signs = got.reals(plan), np.frombuffer(got.raw(active), np.int8).astype(float)
+    w = got.reals(plan) if flags & form.HAS_PLAN else None
+    expected = None if w is None else got.reals(got.header.states)
+    signs = np.frombuffer(got.raw(active), np.int8).astype(float)
     got.finish()
     return Snapshot(
-        number, age, failures, violation, u,
-        w if flags & form.HAS_PLAN else None, signs if flags & form.HAS_ACTIVE else None,
+        number, age, failures, violation, u, w, expected,
+        signs if flags & form.HAS_ACTIVE else None,
     )  # fmt: skip
 
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.codegen.compiled_controller import CompiledController
+from softmpc.codegen.compiled_log import CompiledRecorder
 from softmpc.codegen.flight_format import (
-    NOT_NAMED,
-    QP,
     SOURCES,
     STATUSES,
     UNKNOWN,
@@ -21,8 +21,9 @@ from softmpc.codegen.flight_format import (
     Settings,
     Snapshot,
     StepRecord,
+    qp_code,
 )
-from softmpc.codegen.flight_writer import FlightWriter
+from softmpc.codegen.flight_writer import FlightWriter, LogFile
 from softmpc.codegen.problem_hash import problem_hash
 from softmpc.control.closed_loop import Controller
 from softmpc.control.memory import memory_of, remembers
@@ -42,8 +43,10 @@ def record(
     path: str | os.PathLike[str],
     scene: str | os.PathLike[str] = "",
     every: int = EVERY,
-) -> Recorded:
+) -> Recorded | CompiledRecorder:
     """`with record(controller, "flight.log") as controller`: it does the same, and writes a log.
+
+    A controller in Python writes it in Python, one in C by its own recorder in C.
 
     `scene` is the file that `softmpc replay` shall look for, `every` the steps between snapshots, at
     which a replay can begin. Each record is with the operating system before `step` returns, so
@@ -52,6 +55,8 @@ def record(
     """
     if every < 1:
         raise InputError(f"record(every={every!r}): must be 1 step or more")
+    if isinstance(controller, CompiledController):
+        return CompiledRecorder(controller, LogFile(path), every, str(scene))
     return Recorded(controller, FlightWriter(path, _header(controller, str(scene))), every)
 
 
@@ -64,10 +69,10 @@ def python_build() -> str:
 def snapshot_of(mpc: Mpc, number: int) -> Snapshot:
     """What it remembers, for a log."""
     m = memory_of(mpc)
-    return Snapshot(number, m.age, m.failures, m.violation, m.u, m.plan, m.active)
+    return Snapshot(number, m.age, m.failures, m.violation, m.u, m.plan, m.expected, m.active)
 
 
-def _header(controller: Controller, scene: str) -> Header:
+def _header(controller: Any, scene: str) -> Header:
     t = getattr(controller, "transcription", None)
     if t is None:
         raise InputError(
@@ -83,7 +88,7 @@ def _header(controller: Controller, scene: str) -> Header:
         scene_hash=problem_hash(t, getattr(solver, "blocks", None)),
         version=version("softmpc"),
         build=python_build(),
-        names=", ".join(f"{name} {size}" for name, size in t.objective.references.items()),
+        names=", ".join(f"{name}[{size}]" for name, size in t.objective.references.items()),
         scene=scene,
     )
 
@@ -130,6 +135,7 @@ class Recorded:
         """Forget what was before."""
         self.controller.reset()
         self._asked, self._u = None, None
+        self._known = self._usual  # what is still set is written once more
         self.writer.reset()
 
     def step(self, x: Any, u_before: Any, given: Any) -> Step:
@@ -181,7 +187,7 @@ class Recorded:
                 given=asked.references,
                 u=step.u,
                 status=STATUSES.index(status),
-                qp=QP.index(step.qp) if step.qp in QP else NOT_NAMED,
+                qp=qp_code(step.qp),
                 source=SOURCES.index(step.source),
                 iterations=step.iterations,
                 active=self._active(),

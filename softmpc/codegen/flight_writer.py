@@ -20,27 +20,51 @@ from softmpc.codegen.flight_format import (
 )
 from softmpc.errors import InputError
 
-__all__ = ["FlightWriter"]
+__all__ = ["FlightWriter", "LogFile"]
 
 LOG = logging.getLogger(__name__)
 
 
-class FlightWriter:
-    """Writes a log; every record is with the operating system when `write` returns.
+class LogFile:
+    """A file that is begun anew; what is put in is with the operating system at once.
 
-    Steps are numbered here. The file is begun anew; use it in a `with` block, or `close` it. Where
-    the disk takes no more the log ends, with a warning: nobody stops an arm for that.
+    Where the disk takes no more the file ends, with a warning: nobody stops an arm for that. Raises
+    `InputError` where it cannot be begun.
     """
 
-    def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
-        self.path, self.header, self.number = Path(path), header, 0
-        self._before: StepRecord | None = None
-        self._limits, self._settings = Limits(), Settings()
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+
+    def put(self, data: bytes) -> None:
+        """Add bytes."""
+        try:
+            while data and not self._file.closed:
+                data = data[self._file.write(data) :]
+        except OSError as error:
+            LOG.warning("%s: the log ends here: %s", self.path, error.strerror)
+            self._file.close()
+
+    def close(self) -> None:
+        """No more."""
+        self._file.close()
+
+
+class FlightWriter:
+    """Writes a log; every record is with the operating system when `write` returns.
+
+    Steps are numbered here. Use it in a `with` block, or `close` it.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
+        self.header, self.number = header, 0
+        self._before: StepRecord | None = None
+        self._limits, self._settings = Limits(), Settings()
+        self._file = LogFile(path)
         self._put(form.put_header(header))
 
     def step(self, step: StepRecord) -> None:
@@ -50,8 +74,9 @@ class FlightWriter:
         self._before, self.number = step, self.number + 1
 
     def reset(self) -> None:
-        """The controller has forgotten everything."""
+        """The controller has forgotten everything, what a user has set too."""
         self._before = None
+        self._limits, self._settings = Limits(), Settings()
         self._put(form.put_reset(Reset(self.number)))
 
     def snapshot(self, snapshot: Snapshot) -> None:
@@ -79,12 +104,7 @@ class FlightWriter:
         self._put(form.put_settings(settings))
 
     def _put(self, data: bytes) -> None:
-        try:
-            while data and not self._file.closed:
-                data = data[self._file.write(data) :]
-        except OSError as error:
-            LOG.warning("%s: the log ends here: %s", self.path, error.strerror)
-            self._file.close()
+        self._file.put(data)
 
     def close(self) -> None:
         """No more records."""

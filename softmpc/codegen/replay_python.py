@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from softmpc.codegen.flight_format import (
-    NOT_NAMED,
     QP,
     SOURCES,
     STATUSES,
@@ -13,6 +12,7 @@ from softmpc.codegen.flight_format import (
     Settings,
     Snapshot,
     StepRecord,
+    qp_code,
 )
 from softmpc.codegen.flight_recorder import python_build
 from softmpc.codegen.replay import Outcome
@@ -73,7 +73,9 @@ class PythonPlayer:
 
     def restore(self, snapshot: Snapshot) -> bool:
         s = snapshot
-        put_back(self.mpc, Memory(s.plan, s.age, s.violation, s.u, s.active, s.failures))
+        put_back(
+            self.mpc, Memory(s.plan, s.expected, s.age, s.violation, s.u, s.active, s.failures)
+        )
         return True
 
     def set(self, setting: Limits | Settings) -> None:
@@ -92,7 +94,7 @@ class PythonPlayer:
         return Outcome(
             u=step.u,
             status=STATUSES.index(step.status.partition(":")[0]),
-            qp=QP.index(step.qp) if step.qp in QP else NOT_NAMED,
+            qp=qp_code(step.qp),
             source=SOURCES.index(step.source),
             iterations=step.iterations,
         )

@@ -1,95 +1,36 @@
-/* The flight recorder, see recorder.h. Numbers are written byte by byte, the lowest first, so that
- * logs of all machines are the same. */
+/* The flight recorder, see recorder.h. */
 #include "recorder.h"
+#include "problem.h" /* SMPC_PROBLEM_HASH, SMPC_SCENE */
+#include "recorder_bytes.h"
 
 #include <string.h>
 
-#ifndef SMPC_SCENE
-#define SMPC_SCENE ""
+/* All that can make other bits: hash of the sources, compiler, processor, precision. */
+#ifndef SMPC_BUILD
+#ifndef __VERSION__
+#define __VERSION__ "unknown compiler"
 #endif
-#ifndef SMPC_BUILD /* all that can make other bits of the same source */
-#ifdef __VERSION__
-#define SMPC_BUILD "C " __VERSION__
+#if defined __x86_64__
+#define MACHINE "x86_64"
+#elif defined __aarch64__
+#define MACHINE "aarch64"
+#elif defined __arm__
+#define MACHINE "arm"
 #else
-#define SMPC_BUILD "C"
+#define MACHINE "other machine"
 #endif
+#ifdef SMPC_FLOAT
+#define PRECISION "float"
+#else
+#define PRECISION "double"
+#endif
+#define SMPC_BUILD "C " SMPC_SCENE_HASH ", " MACHINE ", " PRECISION ", " __VERSION__
 #endif
 
 enum { HEADER = 1, RESET, STEP, SNAPSHOT, LIMITS, SETTINGS };
-enum { FORMAT = 1, BY_C = 0, FRAME = 8, CRC = 4, MASK = (SMPC_N + 7) / 8 };
+enum { FORMAT = 1, BY_C = 0, MASK = (SMPC_N + 7) / 8 };
 enum { INPUT_KEPT = 1, CLIPPED = 2 };                     /* flags of a step */
 enum { HAS_PLAN = 1, HAS_ACTIVE = 2, HAS_INPUT = 4 };     /* of a snapshot */
-
-/* ------------------------------------------------------------------ bytes */
-
-/* CRC-32 as of zlib, four bits at a time: a small table is enough for a record a step. */
-static uint32_t crc_of(uint32_t crc, const unsigned char *bytes, size_t count)
-{
-    static const uint32_t table[16] = {
-        0x00000000u, 0x1db71064u, 0x3b6e20c8u, 0x26d930acu, 0x76dc4190u, 0x6b6b51f4u,
-        0x4db26158u, 0x5005713cu, 0xedb88320u, 0xf00f9344u, 0xd6d6a3e8u, 0xcb61b38cu,
-        0x9b64c2b0u, 0x86d3d2d4u, 0xa00ae278u, 0xbdbdf21cu,
-    };
-    for (size_t i = 0; i < count; i++) {
-        crc ^= bytes[i];
-        crc = (crc >> 4) ^ table[crc & 15u];
-        crc = (crc >> 4) ^ table[crc & 15u];
-    }
-    return crc;
-}
-
-static void put(smpc_recorder *r, const unsigned char *bytes, size_t count)
-{
-    r->crc = crc_of(r->crc, bytes, count);
-    r->write(r->with, bytes, count);
-}
-
-static void lowest_first(unsigned char *bytes, uint64_t value, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-        bytes[i] = (unsigned char)(value >> (8 * i) & 0xffu);
-    }
-}
-
-static void put_whole(smpc_recorder *r, uint64_t value, size_t count)
-{
-    unsigned char bytes[8];
-    lowest_first(bytes, value, count);
-    put(r, bytes, count);
-}
-
-static void put_double(smpc_recorder *r, double value)
-{
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    put_whole(r, bits, 8);
-}
-
-static void put_float(smpc_recorder *r, float value)
-{
-    uint32_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    put_whole(r, bits, 4);
-}
-
-static void put_reals(smpc_recorder *r, const smpc_real *values, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-#ifdef SMPC_FLOAT
-        put_float(r, values[i]);
-#else
-        put_double(r, values[i]);
-#endif
-    }
-}
-
-static void put_text(smpc_recorder *r, const char *text)
-{
-    size_t count = strlen(text);
-    count = count > 255 ? 255 : count;
-    put_whole(r, count, 1);
-    put(r, (const unsigned char *)text, count);
-}
 
 static size_t length_of(const char *text)
 {
@@ -97,27 +38,11 @@ static size_t length_of(const char *text)
     return 1 + (count > 255 ? 255 : count);
 }
 
-/* ------------------------------------------------------------------ records */
-
-static void begin(smpc_recorder *r, int kind, size_t length)
-{
-    unsigned char frame[FRAME] = {'F', 'R', 0, 0, 0, 0, 0, 0};
-    frame[2] = (unsigned char)kind;
-    lowest_first(frame + 4, length, 4);
-    r->crc = 0xffffffffu;
-    put(r, frame, FRAME);
-}
-
-static void end(smpc_recorder *r)
-{
-    put_whole(r, r->crc ^ 0xffffffffu, CRC);
-}
-
 void smpc_log_header(smpc_sink write, void *with)
 {
     static const unsigned char magic[8] = {0x89, 'S', 'M', 'P', 'C', '\r', '\n', 0x1a};
     static const char *const texts[5] = {
-        SMPC_SCENE_HASH, SMPC_VERSION, SMPC_BUILD, SMPC_REFERENCES, SMPC_SCENE};
+        SMPC_PROBLEM_HASH, SMPC_VERSION, SMPC_BUILD, SMPC_REFERENCES, SMPC_SCENE};
     smpc_recorder once;
     size_t length = 28;
     memset(&once, 0, sizeof once);
@@ -127,19 +52,19 @@ void smpc_log_header(smpc_sink write, void *with)
     for (int i = 0; i < 5; i++) {
         length += length_of(texts[i]);
     }
-    begin(&once, HEADER, length);
-    put_whole(&once, FORMAT, 2);
-    put_whole(&once, sizeof(smpc_real), 1);
-    put_whole(&once, BY_C, 1);
-    put_whole(&once, SMPC_N, 4);
-    put_whole(&once, SMPC_NX, 4);
-    put_whole(&once, SMPC_INPUTS, 4);
-    put_whole(&once, SMPC_NR, 4);
-    put_double(&once, (double)SMPC_STEP);
+    smpc_begin(&once, HEADER, length);
+    smpc_put_whole(&once, FORMAT, 2);
+    smpc_put_whole(&once, sizeof(smpc_real), 1);
+    smpc_put_whole(&once, BY_C, 1);
+    smpc_put_whole(&once, SMPC_N, 4);
+    smpc_put_whole(&once, SMPC_NX, 4);
+    smpc_put_whole(&once, SMPC_INPUTS, 4);
+    smpc_put_whole(&once, SMPC_NR, 4);
+    smpc_put_double(&once, (double)SMPC_STEP);
     for (int i = 0; i < 5; i++) {
-        put_text(&once, texts[i]);
+        smpc_put_text(&once, texts[i]);
     }
-    end(&once);
+    smpc_end(&once);
 }
 
 void smpc_recorder_init(smpc_recorder *r, smpc_sink write, void *with)
@@ -152,10 +77,13 @@ void smpc_recorder_init(smpc_recorder *r, smpc_sink write, void *with)
 
 void smpc_record_reset(smpc_recorder *r)
 {
-    begin(r, RESET, 4);
-    put_whole(r, r->number, 4);
-    end(r);
+    smpc_begin(r, RESET, 4);
+    smpc_put_whole(r, r->number, 4);
+    smpc_end(r);
     r->known = 0;
+    r->which = 0;
+    r->budget = 0;
+    r->cap = 0;
 }
 
 /* Whether row i of the references is what the step before leads one to expect. */
@@ -187,17 +115,17 @@ static uint64_t at_most(unsigned value, unsigned most)
 
 static void put_outcome(smpc_recorder *r, const smpc_outcome *outcome, int kept)
 {
-    put_whole(r, r->number, 4);
-    put_whole(r, (uint64_t)outcome->status, 1);
-    put_whole(r, (uint64_t)outcome->qp, 1);
-    put_whole(r, (uint64_t)outcome->source, 1);
-    put_whole(r, (uint64_t)((kept ? INPUT_KEPT : 0) | (outcome->clipped ? CLIPPED : 0)), 1);
-    put_whole(r, at_most(outcome->iterations, 0xffffu), 2);
-    put_whole(r, at_most(outcome->active, 0xffffu), 2);
-    put_float(r, outcome->prepare_seconds);
-    put_float(r, outcome->feedback_seconds);
-    put_reals(r, &outcome->kkt, 1);
-    put_reals(r, &outcome->violation, 1);
+    smpc_put_whole(r, r->number, 4);
+    smpc_put_whole(r, (uint64_t)outcome->status, 1);
+    smpc_put_whole(r, (uint64_t)outcome->qp, 1);
+    smpc_put_whole(r, (uint64_t)outcome->source, 1);
+    smpc_put_whole(r, (uint64_t)((kept ? INPUT_KEPT : 0) | (outcome->clipped ? CLIPPED : 0)), 1);
+    smpc_put_whole(r, at_most(outcome->iterations, 0xffffu), 2);
+    smpc_put_whole(r, at_most(outcome->active, 0xffffu), 2);
+    smpc_put_float(r, outcome->prepare_seconds);
+    smpc_put_float(r, outcome->feedback_seconds);
+    smpc_put_reals(r, &outcome->kkt, 1);
+    smpc_put_reals(r, &outcome->violation, 1);
 }
 
 void smpc_record_step(
@@ -208,20 +136,20 @@ void smpc_record_step(
     size_t rows = mask_of(r, references, mask);
     int kept = r->known && !memcmp(u_before, r->u, sizeof r->u);
     size_t reals = 2 + (kept ? 1u : 2u) * SMPC_INPUTS + SMPC_NX + rows * SMPC_NR;
-    begin(r, STEP, 20 + reals * sizeof(smpc_real) + MASK);
+    smpc_begin(r, STEP, 20 + reals * sizeof(smpc_real) + MASK);
     put_outcome(r, outcome, kept);
     if (!kept) {
-        put_reals(r, u_before, SMPC_INPUTS);
+        smpc_put_reals(r, u_before, SMPC_INPUTS);
     }
-    put_reals(r, x, SMPC_NX);
-    put_reals(r, u, SMPC_INPUTS);
-    put(r, mask, MASK);
+    smpc_put_reals(r, x, SMPC_NX);
+    smpc_put_reals(r, u, SMPC_INPUTS);
+    smpc_put(r, mask, MASK);
     for (int i = 0; i < SMPC_N; i++) {
         if (mask[i / 8] >> i % 8 & 1) {
-            put_reals(r, references + i * SMPC_NR, SMPC_NR);
+            smpc_put_reals(r, references + i * SMPC_NR, SMPC_NR);
         }
     }
-    end(r);
+    smpc_end(r);
     memcpy(r->references, references, SMPC_N * SMPC_NR * sizeof(smpc_real));
     memcpy(r->u, u, sizeof r->u);
     r->known = 1;
@@ -234,14 +162,14 @@ static void put_limits(smpc_recorder *r)
     for (int i = 0; i < 4; i++) {
         given += r->which >> i & 1u;
     }
-    begin(r, LIMITS, 4 + given * SMPC_INPUTS * sizeof(smpc_real));
-    put_whole(r, r->which, 4);
+    smpc_begin(r, LIMITS, 4 + given * SMPC_INPUTS * sizeof(smpc_real));
+    smpc_put_whole(r, r->which, 4);
     for (int i = 0; i < 4; i++) {
         if (r->which >> i & 1) {
-            put_reals(r, r->limits + i * SMPC_INPUTS, SMPC_INPUTS);
+            smpc_put_reals(r, r->limits + i * SMPC_INPUTS, SMPC_INPUTS);
         }
     }
-    end(r);
+    smpc_end(r);
 }
 
 void smpc_record_limits(
@@ -261,10 +189,10 @@ void smpc_record_limits(
 
 static void put_settings(smpc_recorder *r)
 {
-    begin(r, SETTINGS, 12);
-    put_double(r, r->budget);
-    put_whole(r, r->cap, 4);
-    end(r);
+    smpc_begin(r, SETTINGS, 12);
+    smpc_put_double(r, r->budget);
+    smpc_put_whole(r, r->cap, 4);
+    smpc_end(r);
 }
 
 void smpc_record_settings(smpc_recorder *r, double budget, uint32_t cap)
@@ -274,25 +202,38 @@ void smpc_record_settings(smpc_recorder *r, double budget, uint32_t cap)
     put_settings(r);
 }
 
+/* Signs of multipliers, those of nothing active being zero: what a warm start begins with. */
+static void put_signs(smpc_recorder *r, const smpc_real *multipliers, uint32_t count)
+{
+    smpc_real most = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        most = fabs(multipliers[i]) > most ? (smpc_real)fabs(multipliers[i]) : most;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        const smpc_real least = (smpc_real)1e-9 * most, value = multipliers[i];
+        smpc_put_whole(r, value > least ? 1 : value < -least ? 0xff : 0, 1);
+    }
+}
+
 void smpc_record_snapshot(smpc_recorder *r, const smpc_snapshot *s)
 {
-    uint32_t plan = s->plan ? s->plan_count : 0, active = s->active ? s->active_count : 0;
-    size_t inputs = s->u ? SMPC_INPUTS : 0;
-    int flags = (s->plan ? HAS_PLAN : 0) | (s->active ? HAS_ACTIVE : 0) | (s->u ? HAS_INPUT : 0);
-    begin(r, SNAPSHOT, 20 + (1 + inputs + plan) * sizeof(smpc_real) + active);
-    put_whole(r, r->number, 4);
-    put_whole(r, at_most(s->age, 0xffffu), 2);
-    put_whole(r, at_most(s->failures, 0xffffu), 2);
-    put_whole(r, (uint64_t)flags, 4);
-    put_whole(r, plan, 4);
-    put_whole(r, active, 4);
-    put_reals(r, &s->violation, 1);
-    put_reals(r, s->u, inputs);
-    put_reals(r, s->plan, plan);
-    for (uint32_t i = 0; i < active; i++) {
-        put_whole(r, (unsigned char)s->active[i], 1);
-    }
-    end(r);
+    uint32_t plan = s->plan ? s->plan_count : 0;
+    uint32_t active = s->multipliers ? s->multiplier_count : 0;
+    size_t inputs = s->u ? SMPC_INPUTS : 0, states = s->plan ? SMPC_NX : 0;
+    int flags = (s->plan ? HAS_PLAN : 0) | (active ? HAS_ACTIVE : 0) | (s->u ? HAS_INPUT : 0);
+    smpc_begin(r, SNAPSHOT, 20 + (1 + inputs + plan + states) * sizeof(smpc_real) + active);
+    smpc_put_whole(r, r->number, 4);
+    smpc_put_whole(r, at_most(s->age, 0xffffu), 2);
+    smpc_put_whole(r, at_most(s->failures, 0xffffu), 2);
+    smpc_put_whole(r, (uint64_t)flags, 4);
+    smpc_put_whole(r, plan, 4);
+    smpc_put_whole(r, active, 4);
+    smpc_put_reals(r, &s->violation, 1);
+    smpc_put_reals(r, s->u, inputs);
+    smpc_put_reals(r, s->plan, plan);
+    smpc_put_reals(r, s->expected, states);
+    put_signs(r, s->multipliers, active);
+    smpc_end(r);
     r->known = 0; /* the next step is written in full, so that a reader can begin here */
     if (r->which) {
         put_limits(r);

@@ -8,7 +8,9 @@
  *     smpc_log_header(write, with);                   once, before all records
  *     smpc_recorder_init(&recorder, write, with);     where the controller begins or forgets all
  *     each step, after it:
- *         smpc_record_step(&recorder, references, u_before, x, u, &outcome);
+ *         smpc_log_step(&recorder, &controller, u_before, x, u);      see log.h
+ *     now and then:
+ *         smpc_log_snapshot(&recorder, &controller);
  *
  * No memory is allocated, and the function that is given is the only thing that is called.
  */
@@ -18,7 +20,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "sizes.h" /* SMPC_N, SMPC_NX, SMPC_INPUTS, SMPC_NR, SMPC_STEP, SMPC_SCENE_HASH, ... */
+#include "sizes.h" /* SMPC_N, SMPC_NX, SMPC_INPUTS, SMPC_NR, SMPC_STEP, ... */
 #include "real.h"
 
 #ifdef __cplusplus
@@ -37,14 +39,16 @@ typedef struct {
     float prepare_seconds, feedback_seconds; /* NaN without a clock */
 } smpc_outcome;
 
-/* What a controller takes from one step into the next, so that a replay can begin there. */
+/* What a controller takes from one step into the next, so that a replay can begin there. Of the
+ * multipliers a log keeps the signs. */
 typedef struct {
-    unsigned age, failures;      /* of the plan in steps, and steps that failed in a row */
-    const smpc_real *u;          /* the input given last (SMPC_INPUTS), or NULL */
-    const smpc_real *plan;       /* scaled; or NULL */
-    const signed char *active;   /* -1: a row at its lower limit, 1: at the upper one; or NULL */
-    uint32_t plan_count, active_count;
-    smpc_real violation;         /* of the plan */
+    unsigned age, failures;       /* of the plan in steps, and steps that failed in a row */
+    const smpc_real *u;           /* the input given last (SMPC_INPUTS), or NULL */
+    const smpc_real *plan;        /* scaled: inputs, unknowns of stages, states; or NULL */
+    const smpc_real *expected;    /* the state that the plan expects now (SMPC_NX), scaled */
+    const smpc_real *multipliers; /* of the last quadratic program, or NULL */
+    uint32_t plan_count, multiplier_count;
+    smpc_real violation;          /* of the plan */
 } smpc_snapshot;
 
 typedef struct {
@@ -67,7 +71,7 @@ void smpc_log_header(smpc_sink write, void *with);
 /* Begins; the controller has just been made by smpc_init. */
 void smpc_recorder_init(smpc_recorder *r, smpc_sink write, void *with);
 
-/* The controller has forgotten everything, by another smpc_init. */
+/* The controller has forgotten everything, limits and clock too, by another smpc_init. */
 void smpc_record_reset(smpc_recorder *r);
 
 /* A step: references (SMPC_N x SMPC_NR), the input until then, the state, the input that came out. */
