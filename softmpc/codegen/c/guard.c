@@ -35,7 +35,7 @@ int smpc_make_finite(const smpc_controller *c, const real *u, real *to)
     return smpc_all_finite(u, inputs);
 }
 
-static void widest(smpc_controller *c)
+void smpc_widest(smpc_controller *c)
 {
     memcpy(c->low, smpc_least_input, sizeof c->low);
     memcpy(c->high, smpc_most_input, sizeof c->high);
@@ -62,17 +62,4 @@ int smpc_set_limits(
         if (!(bounds[0][i] < bounds[1][i]) || !(bounds[2][i] < bounds[3][i])) return -1;
     for (int b = 0; b < 4; b++) memcpy(to[b], bounds[b], sizeof bounds[b]);
     return 0;
-}
-
-unsigned long smpc_memory(void)
-{
-    return (unsigned long)sizeof(smpc_controller);
-}
-
-void smpc_init(smpc_controller *c)
-{
-    memset(c, 0, sizeof *c);
-    c->age = -1;
-    c->cap = SMPC_QP_ITERATIONS;
-    widest(c);
 }

@@ -14,4 +14,7 @@ void smpc_guarded(const smpc_controller *c, const real *before, const real *u, r
 /* u where it is finite; else the input given last, or the nearest to none. */
 int smpc_make_finite(const smpc_controller *c, const real *u, real *to);
 
+/* The limits of the scene. */
+void smpc_widest(smpc_controller *c);
+
 #endif

@@ -28,6 +28,19 @@ static int starts_afresh(const smpc_controller *c)
     return c->failures >= SMPC_RESTART_AFTER || c->age < 0 || over(c);
 }
 
+unsigned long smpc_memory(void)
+{
+    return (unsigned long)sizeof(smpc_controller);
+}
+
+void smpc_init(smpc_controller *c)
+{
+    memset(c, 0, sizeof *c);
+    c->age = -1;
+    c->cap = SMPC_QP_ITERATIONS;
+    smpc_widest(c);
+}
+
 void smpc_set_reference(smpc_controller *c, const real *references)
 {
     if (SMPC_NR) memcpy(c->references, references, sizeof(real) * SMPC_N * SMPC_NR);
