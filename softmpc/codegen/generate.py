@@ -17,6 +17,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import softmpc
+from softmpc.codegen import recorder_files
 from softmpc.codegen.condition import Conditioning, conditioning
 from softmpc.codegen.data import ControllerData
 from softmpc.codegen.model_functions import controller_functions, sources
@@ -98,7 +99,7 @@ def generate_controller(
     identity = _identity(texts)
     worst = conditioning(solver, [(start.x, start.u)])
     texts["sizes.h"] = sizes_header(data, identity, iterations, worst)
-    texts |= more or {}
+    texts |= {**recorder_files.files(mpc), **(more or {})}
     folder = _folder(Path(out))
     _write(folder, texts)
     return Generated(folder, tuple(sorted(texts)), identity, worst, data.sizes)

@@ -49,11 +49,18 @@ void smpc_log_settings(smpc_recorder *r, const smpc_controller *c)
 
 int smpc_restore(smpc_controller *c, const smpc_snapshot *s)
 {
+    double (*clock)(void *);
+    void *with;
+    double budget;
     if ((s->plan && s->plan_count != SMPC_PATH_SIZE)
         || (s->multipliers && s->multiplier_count != constraints)) {
         return -1;
     }
+    clock = c->clock;
+    with = c->clock_with;
+    budget = c->budget;
     smpc_init(c);
+    smpc_set_clock(c, clock, with, budget);
     c->failures = (int)s->failures;
     if (s->u) {
         memcpy(c->last_u, s->u, sizeof c->last_u);

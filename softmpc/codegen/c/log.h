@@ -20,8 +20,8 @@ void smpc_log_snapshot(smpc_recorder *r, const smpc_controller *c);
 /* Limits, budget and cap as they are, after they have been set. */
 void smpc_log_settings(smpc_recorder *r, const smpc_controller *c);
 
-/* Make it remember what a snapshot says, and no more than smpc_init leaves. Returns 0, or -1 where
- * the snapshot is of another controller. */
+/* Make it remember what a snapshot says, and beside that its clock alone. Returns 0, or -1 where the
+ * snapshot is of another controller. */
 int smpc_restore(smpc_controller *c, const smpc_snapshot *s);
 
 #ifdef __cplusplus
