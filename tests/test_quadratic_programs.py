@@ -102,3 +102,18 @@ def test_failures_have_names() -> None:
     assert qp.solve(replace(p, H=indefinite)).status == "not convex"
     assert Daqp(max_iterations=1).solve(program(1, 0.05)).status == "iteration limit"
     require_optimum(p, qp.solve(p))  # none of them leaves anything behind
+
+
+def test_the_cap_is_on_all_iterations_of_a_program() -> None:
+    """Rows that the first answer breaks are taken up in further runs: these count too."""
+    p = program(0, 0.3)
+    whole = Daqp().solve(p)
+    for most in range(1, whole.iterations + 1):
+        found = Daqp(most).solve(p)
+        assert found.status == "iteration limit" and found.iterations <= most
+    enough = Daqp(whole.iterations + 1).solve(p)
+    assert enough.solved and enough.iterations == whole.iterations
+    # A wrong guess is not left for free either.
+    wrong = np.sign(np.random.default_rng(0).normal(size=COUNT + ROWS))
+    found = Daqp(3).solve(p, multipliers=wrong)
+    assert found.status == "iteration limit" and found.iterations <= 3

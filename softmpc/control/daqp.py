@@ -26,7 +26,8 @@ STATUS = {
     -1: "infeasible", -2: "cycling", -3: "unbounded",
     -4: "iteration limit", -5: "not convex", -6: "overdetermined", -7: "time limit",
 }  # fmt: skip
-OPTIMAL, NOT_OPTIMAL, INFEASIBLE, NOT_CONVEX, LIMIT_OF_TIME = 1, 0, -1, -5, -7
+OPTIMAL, NOT_OPTIMAL, INFEASIBLE, NOT_CONVEX = 1, 0, -1, -5
+LIMIT_OF_ITERATIONS, LIMIT_OF_TIME = -4, -7
 ACTIVE, LOWER = 1, 2  # flags of a constraint in DAQP's `sense`
 SMALL = 1e-9  # of the largest multiplier: those below it belong to no active constraint
 NEAR = 0.01  # of a scaled bound without any move: rows to begin with
@@ -49,7 +50,7 @@ class QpSolution:
 
 
 class Daqp:
-    """Solves programs, each from a guess of the active set."""
+    """Solves programs, each from a guess of the active set, in at most `max_iterations` in all."""
 
     def __init__(self, max_iterations: int = 1000) -> None:
         self.max_iterations = max_iterations
@@ -76,7 +77,8 @@ class Daqp:
         iterations = 0
         while True:
             left = None if time_limit is None else max(time_limit - _since(began), 1e-6)
-            v, found, flag, taken = self._solve(program, rows, guess, left)
+            more = self.max_iterations - iterations
+            v, found, flag, taken = self._solve(program, rows, guess, left, more)
             iterations += taken
             if flag <= 0 and flag != LIMIT_OF_TIME and guess.any():
                 guess = np.zeros_like(guess)
@@ -90,7 +92,7 @@ class Daqp:
         return QpSolution(solved, status, v, found, iterations, _since(began))
 
     def _solve(
-        self, program: Program, rows: Array, guess: Array, time_limit: float | None
+        self, program: Program, rows: Array, guess: Array, time_limit: float | None, most: int
     ) -> tuple[Array, Array, int, int]:
         """Moves, multipliers, DAQP's flag and its iterations for the program with some rows."""
         count = len(program.f)
@@ -110,14 +112,21 @@ class Daqp:
         upper = np.concatenate([program.high, program.high_rows])[chosen]
         lower = np.concatenate([program.low, program.low_rows])[chosen]
         y, found, flag, taken = self._daqp(
-            program.f[coupled] @ back, A, upper, lower, guess[chosen], time_limit
+            program.f[coupled] @ back, A, upper, lower, guess[chosen], time_limit, most
         )
         v[coupled] = back @ y
         multipliers[chosen] = found
         return v, multipliers, flag, taken
 
     def _daqp(
-        self, g: Array, A: Array, upper: Array, lower: Array, guess: Array, time_limit: float | None
+        self,
+        g: Array,
+        A: Array,
+        upper: Array,
+        lower: Array,
+        guess: Array,
+        time_limit: float | None,
+        most: int,
     ) -> tuple[Array, Array, int, int]:
         """min ½|y|² + g·y, lower ≤ A y ≤ upper; in a workspace of its own, free of leftovers."""
         import daqp
@@ -128,8 +137,10 @@ class Daqp:
         flag, _ = model.setup(np.eye(len(g)), g, A, upper, lower, sense)
         if flag < 0:
             return np.full(len(g), np.nan), np.zeros(len(upper)), int(flag), 0
+        if most < 1:
+            return np.full(len(g), np.nan), np.zeros(len(upper)), LIMIT_OF_ITERATIONS, 0
         model.settings = {
-            "iter_limit": self.max_iterations,
+            "iter_limit": most,
             "time_limit": 0.0 if time_limit is None else time_limit,
         }
         y, _, flag, info = model.solve()
