@@ -4,23 +4,24 @@ c/        C99 that every controller shares, copied as it is
 sizes.h   sizes, sample time, tolerances, hash of the scene and version
 data.*    constants of the problem
 model.*   functions of the arm, its costs and its limits, written by CasADi
+demo/     a program that runs the scene's path on its plant
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 
-import softmpc
 from softmpc.codegen import recorder_files
 from softmpc.codegen.condition import Conditioning, conditioning
 from softmpc.codegen.data import ControllerData
+from softmpc.codegen.demonstration import demonstration
+from softmpc.codegen.directory import c_source, checked_folder, identity_of, write_folder
+from softmpc.codegen.directory_readme import directory_readme
 from softmpc.codegen.model_functions import controller_functions, sources
+from softmpc.codegen.reference import references_of
 from softmpc.codegen.sizes import sizes_header
 from softmpc.control.closed_loop import Start
 from softmpc.control.mpc import Mpc
@@ -38,8 +39,8 @@ CORE = (
     "guard.c", "plan.c", "names.c",
 )  # fmt: skip
 DAQP = (
-    "daqp.c", "auxiliary.c", "factorization.c", "daqp.h", "auxiliary.h", "factorization.h",
-    "types.h", "constants.h", "LICENSE", "VERSION",
+    "daqp/daqp.c", "daqp/auxiliary.c", "daqp/factorization.c", "daqp/daqp.h", "daqp/auxiliary.h",
+    "daqp/factorization.h", "daqp/types.h", "daqp/constants.h", "daqp/LICENSE", "daqp/VERSION",
 )  # fmt: skip
 
 Progress = Callable[[int, int], None]
@@ -47,7 +48,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Generated:
-    """What was written: the folder, its files, the identity of the controller, and its condition."""
+    """What was written: folder, files made for the scene, identity of the controller, condition."""
 
     folder: Path
     files: tuple[str, ...]
@@ -61,28 +62,32 @@ def generate_file(
     iterations: int = ITERATIONS,
 ) -> Generated:  # fmt: skip
     """The controller of a scene file's table [track]."""
-    _, scene, task = read_track_file(path)
+    title, scene, task = read_track_file(path)
     with errors_in(path):
         setup = ready(lambda report: set_up(scene, task, progress=report), progress)
-        return generate(setup, out, iterations=iterations)
+        return generate(setup, out, iterations=iterations, title=title)
 
 
 def generate(
     setup: Setup, out: str | os.PathLike[str], *, iterations: int = ITERATIONS,
-    max_rows: int | None = None,
+    max_rows: int | None = None, title: str = "", demo: bool = True,
 ) -> Generated:  # fmt: skip
-    """Write the controller of a tracking task into the folder `out`, see `generate_controller`."""
-    start = _controller_start(setup)
+    """Write the controller of a tracking task into the folder `out`, see `generate_controller`.
+
+    With `demo` there is a program that runs the task, and how to build it; `title` is its name.
+    """
+    more = demonstration(setup, references_of(setup), title) if demo else {}
     return generate_controller(
-        setup.controller, out, start=start, iterations=iterations, max_rows=max_rows
-    )
+        setup.controller, out, start=_controller_start(setup), iterations=iterations,
+        max_rows=max_rows, more=more, title=title,
+    )  # fmt: skip
 
 
 def generate_controller(
     mpc: Mpc, out: str | os.PathLike[str], *, start: Start, iterations: int = ITERATIONS,
-    max_rows: int | None = None, more: Mapping[str, str] | None = None,
+    max_rows: int | None = None, more: Mapping[str, str] | None = None, title: str = "",
 ) -> Generated:  # fmt: skip
-    """Write a controller into the folder `out`.
+    """Write a controller into the folder `out`, with a README where `more` says how to build it.
 
     `start` is a state of rest of its model, from which it is judged whether float is enough.
     `iterations` is the most that the quadratic program takes in a step, `max_rows` how many rows of
@@ -96,13 +101,17 @@ def generate_controller(
     data = ControllerData(solver, 1_000_000 if max_rows is None else max_rows)
     texts = sources("model", controller_functions(solver.linearisation))
     texts["data.h"], texts["data.c"] = data.text()
-    identity = _identity(texts)
+    identity = identity_of(texts, CORE)
     worst = conditioning(solver, [(start.x, start.u)])
     texts["sizes.h"] = sizes_header(data, identity, iterations, worst)
     texts |= {**recorder_files.files(mpc), **(more or {})}
-    folder = _folder(Path(out))
-    _write(folder, texts)
-    return Generated(folder, tuple(sorted(texts)), identity, worst, data.sizes)
+    made = tuple(sorted(texts))
+    texts |= {name: c_source(name) for name in (*CORE, *DAQP)}
+    if "Makefile" in texts:
+        texts["README.md"] = directory_readme(mpc.ocp.model, texts, title)
+    folder = checked_folder(out)
+    write_folder(folder, texts)
+    return Generated(folder, made, identity, worst, data.sizes)
 
 
 def _real_time(mpc: Mpc) -> RealTime:
@@ -121,47 +130,3 @@ def _controller_start(setup: Setup) -> Start:
     if to_state is None:
         return setup.start
     return Start(to_state(setup.start.x, setup.start.u), setup.start.u)
-
-
-def _identity(texts: Mapping[str, str]) -> dict[str, str]:
-    """Version and a hash of everything that decides what the controller does."""
-    digest = hashlib.sha256()
-    for name in sorted(texts):
-        digest.update(f"{name}\0{texts[name]}\0".encode())
-    for name in CORE:
-        digest.update(_core(name).encode())
-    return {"VERSION": softmpc.__version__, "SCENE_HASH": digest.hexdigest()[:16]}
-
-
-def _core(name: str) -> str:
-    return files("softmpc.codegen").joinpath("c", name).read_text(encoding="utf-8")
-
-
-def _folder(out: Path) -> Path:
-    """An empty folder, or one that this has written before."""
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; give a folder")
-    if out.is_dir() and any(out.iterdir()) and not (out / "controller.h").is_file():
-        raise InputError(f"{out}: holds files that are not a controller's; give an empty folder")
-    return out
-
-
-def _write(folder: Path, texts: Mapping[str, str]) -> None:
-    """All files beside the old ones, then instead of them: a crash leaves the old folder."""
-    beside = folder.with_name(f".{os.getpid()}.{folder.name}")
-    try:
-        shutil.rmtree(beside, ignore_errors=True)
-        (beside / "daqp").mkdir(parents=True)
-        for name in CORE:
-            (beside / name).write_text(_core(name), encoding="utf-8")
-        for name in DAQP:
-            (beside / "daqp" / name).write_text(_core(f"daqp/{name}"), encoding="utf-8")
-        for name, text in texts.items():
-            (beside / name).write_text(text, encoding="utf-8")
-        if folder.exists():
-            shutil.rmtree(folder)
-        beside.rename(folder)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)

@@ -68,9 +68,7 @@ def _blocks(system: System) -> Wrapped:
 
 def _wrapped(name: str, function: ca.Function, comment: str) -> Wrapped:
     names = ["acting" if of == "w" else of for of in function.name_in()]  # w is work memory in C
-    given: dict[str, Any] = {
-        of: ca.MX.sym(of, *function.size_in(i)) for i, of in enumerate(names)
-    }
+    given: dict[str, Any] = {of: ca.MX.sym(of, *function.size_in(i)) for i, of in enumerate(names)}
     found = dict(zip(function.name_out(), function.call([*given.values()]), strict=True))
     return Wrapped(f"plant_{name}", in_rows(f"plant_{name}", given, found), comment, "double")
 

@@ -11,6 +11,7 @@ import numpy as np
 from softmpc.codegen import c_text
 from softmpc.control.closed_loop import SAMPLE
 from softmpc.control.stage import DISTURBANCE
+from softmpc.control.track_result import WINDOW
 from softmpc.control.tracking import Setup
 
 __all__ = ["overlapping", "reference_files", "references_of"]
@@ -40,31 +41,41 @@ def reference_files(setup: Setup, references: Array, title: str = "") -> dict[st
     rows, ahead = overlapping(references)
     samples = max(1, round(setup.ocp.step / SAMPLE))
     times = setup.ocp.step / samples * np.arange(1 + samples * len(references))
-    doubles = {
-        "smpc_run_asked": setup.guide.asked(times),
-        "smpc_run_x": setup.start.x,
-        "smpc_run_u": setup.start.u,
+    others: dict[str, tuple[Array, str]] = {
+        "smpc_run_asked": (setup.guide.asked(times), "double"),
+        "smpc_run_counts": (_counted(setup, times), "unsigned char"),
+        "smpc_run_x": (setup.start.x, "double"),
+        "smpc_run_u": (setup.start.u, "double"),
     }
     sizes = [
         c_text.define("SMPC_RUN_TITLE", title),
         c_text.define("SMPC_RUN_STEPS", len(references), "steps of the controller"),
         c_text.define("SMPC_RUN_SAMPLES", samples, "of the error, in a step"),
-        c_text.define("SMPC_RUN_SETTLE", float(setup.task.settle), "s; errors before do not count"),
+        c_text.define("SMPC_RUN_SETTLE", float(setup.task.settle), "s, before which none counts"),
         c_text.define("SMPC_RUN_AHEAD", ahead, "rows of references from one step to the next"),
     ]
-    kinds = {"smpc_run_references": (rows, "smpc_real")}
-    kinds |= {name: (value, "double") for name, value in doubles.items()}
+    arrays = {"smpc_run_references": (rows, "smpc_real"), **others}
     head = '#include "real.h"\n\n' + "".join(sizes) + f"\n{_ABOUT}"
-    declared = "".join(c_text.declaration(n, v.size, kind) for n, (v, kind) in kinds.items())
-    defined = "\n".join(c_text.array(name, *both) for name, both in kinds.items())
+    declared = "".join(c_text.declaration(n, v.size, kind) for n, (v, kind) in arrays.items())
+    defined = "\n".join(c_text.array(name, *both) for name, both in arrays.items())
     return {
         "demo/reference.h": c_text.guard("reference.h", head + declared),
         "demo/reference.c": f'#include "reference.h"\n\n{defined}',
     }
 
 
-_ABOUT = """/* References at coming nodes, SMPC_NR numbers a row: step k is told of SMPC_N rows from row
- * k * SMPC_RUN_AHEAD on. Places asked for at all samples (m), state and input at the start. */
+def _counted(setup: Setup, times: Array) -> Array:
+    """Whether the error of a sample counts, as in a `TrackResult`."""
+    found = times >= setup.task.settle
+    jumps = () if setup.guide.rest is None else setup.guide.rest.jump_times(times)
+    for jump in jumps:
+        found &= (times < jump) | (times > jump + WINDOW)
+    return np.asarray(found)
+
+
+_ABOUT = """/* References at coming nodes, SMPC_NR numbers a row: step k is told of SMPC_N rows
+ * from row k * SMPC_RUN_AHEAD on. Places asked for at all samples (m), and whether their errors
+ * count. State of the plant and input at the start. */
 """
 
 

@@ -11,6 +11,17 @@ static double now(const smpc_controller *c)
     return c->clock ? c->clock(c->clock_with) : 0;
 }
 
+unsigned long smpc_memory(void)
+{
+    return (unsigned long)sizeof(smpc_controller);
+}
+
+void smpc_init(smpc_controller *c)
+{
+    memset(c, 0, sizeof *c);
+    smpc_widest(c);
+}
+
 void smpc_set_reference(smpc_controller *c, const real *references)
 {
     memcpy(c->references, references, sizeof c->references);
