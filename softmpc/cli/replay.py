@@ -35,13 +35,23 @@ LINES = 5  # of statuses that differ, for people
     "the log.",
 )  # fmt: skip
 @click.option(
+    "--code", type=click.Path(path_type=Path), metavar="FOLDER",
+    help="The folder of the controller in C that `softmpc codegen` has written; by default it is "
+    "generated anew from the scene.",
+)  # fmt: skip
+@click.option(
     "--tolerance", type=click.FloatRange(0.0), metavar="T",
     help="Largest difference of an input that counts as none, N·m (or Pa). By default 0 for the "
     "build that wrote the log, and 1e-8 N·m for any other.",
 )  # fmt: skip
 @answering("replay")
 def command(
-    log: Path, scene: Path | None, players: str | None, tolerance: float | None, out: Path | None
+    log: Path,
+    scene: Path | None,
+    code: Path | None,
+    players: str | None,
+    tolerance: float | None,
+    out: Path | None,
 ) -> Answer:
     """Run the flight log LOG through the controllers again and compare step by step.
 
@@ -54,7 +64,7 @@ def command(
     if read.damage:
         notice(f"warning: {log}: {read.damage}; {len(read.steps)} steps before it are read")
     with stages("making the controller", "place") as stage:
-        replay = replay_of(read, scene, stage("making the controller", "place"))
+        replay = replay_of(read, scene, code, stage("making the controller", "place"))
         names = replay.default if players is None else tuple(players.split(","))
         done = [_played(replay, name.strip(), tolerance, stage) for name in names]
     found = [comparison for comparison, _ in done]
@@ -69,10 +79,9 @@ def command(
 def _played(
     replay: Replay, name: str, tolerance: float | None, stage: Any
 ) -> tuple[Comparison, Replayed]:
-    from softmpc.codegen.replay import compare, play
+    from softmpc.codegen.replay import compare
 
-    player = replay.player(name)
-    replayed = play(replay.log, player, stage(f"replay by {name}", "step"))
+    replayed = replay.by(name, stage(f"replay by {name}", "step"))
     other = TOLERANCE[_unit(replay)] * (OF_FLOATS if replay.log.header.real_bytes == 4 else 1.0)
     return compare(replay.log, replayed, tolerance, other), replayed
 

@@ -16,7 +16,7 @@ from softmpc.codegen.flight_writer import LogFile
 from softmpc.control.step import Step
 from softmpc.errors import BuildError
 
-__all__ = ["CompiledRecorder", "header_of", "restore"]
+__all__ = ["CompiledRecorder", "header_of", "restore", "set_cap"]
 
 SINK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)
 RECORDER_BYTES = 1024  # of a recorder beside its references and inputs
@@ -48,6 +48,11 @@ def restore(controller: CompiledController, snapshot: Snapshot) -> bool:
     told = kind(s.age, s.failures, *given, *counts, s.violation)
     function = _function(controller, "smpc_restore")
     return int(function(controller._at, ctypes.byref(told))) == 0
+
+
+def set_cap(controller: CompiledController, cap: int) -> None:
+    """The most iterations of its quadratic program in a step; 0: as built."""
+    _function(controller, "smpc_set_cap")(controller._at, ctypes.c_uint32(cap))
 
 
 class CompiledRecorder:

@@ -66,7 +66,7 @@ class Replayed:
     """What came out: outcomes of the steps that could be replayed, by their place in the log."""
 
     name: str
-    build: str
+    build: str  # as `Header.build`
     outcomes: dict[int, Outcome] = field(default_factory=dict)
     left_out: int = 0  # steps before the first place at which a replay can begin, or after a gap
 

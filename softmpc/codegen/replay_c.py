@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from softmpc.codegen.compiled_controller import CompiledController
-from softmpc.codegen.compiled_log import header_of, restore
+from softmpc.codegen.compiled_log import header_of, restore, set_cap
 from softmpc.codegen.flight_format import (
     QP,
     SOURCES,
@@ -47,10 +47,15 @@ class CPlayer:
 
     name = "c"
 
-    def __init__(self, folder: Path, t: Transcription, single: bool = False) -> None:
+    def __init__(self, folder: Path, t: Transcription, log: FlightLog) -> None:
         self.clock = _Clock()
+        timed = any(np.isfinite(step.prepare_seconds) for step in log.steps)
         self.controller = CompiledController(
-            folder, t, single=single, budget=BUDGET, clock=self.clock
+            folder,
+            t,
+            single=log.header.real_bytes == 4,
+            budget=BUDGET if timed else None,  # with a clock programs are solved in pieces
+            clock=self.clock,
         )
         header = header_of(self.controller)
         self.build, self.scene_hash = header.build, header.scene_hash
@@ -64,6 +69,8 @@ class CPlayer:
     def set(self, setting: Limits | Settings) -> None:
         if isinstance(setting, Limits):
             self.controller.set_limits(*setting.each)
+        else:
+            set_cap(self.controller, setting.cap)
 
     def step(self, record: StepRecord) -> Outcome:
         """Late: the clock jumps while it prepares; out of time: while the program is solved."""

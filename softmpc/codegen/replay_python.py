@@ -18,6 +18,7 @@ from softmpc.codegen.flight_recorder import python_build
 from softmpc.codegen.replay import Outcome
 from softmpc.control.condensing import Program
 from softmpc.control.daqp import Daqp, QpSolution
+from softmpc.control.input_guard import InputGuard
 from softmpc.control.memory import Memory, put_back, remembers
 from softmpc.control.mpc import Mpc
 from softmpc.control.real_time import RealTime
@@ -27,6 +28,7 @@ __all__ = ["PythonPlayer"]
 
 TIME_LIMIT, LATE = QP.index("time limit"), STATUSES.index("budget overrun")
 NO_TIME = 1e-9  # s, a budget that nothing keeps
+SIDES, LOWER = ("low", "high", "fall", "rise"), ("low", "fall")  # of an `InputGuard`
 
 
 class _ByTheLog:
@@ -70,6 +72,8 @@ class PythonPlayer:
 
     def reset(self) -> None:
         self.mpc.reset()
+        self.set(Limits())
+        self.set(Settings())
 
     def restore(self, snapshot: Snapshot) -> bool:
         s = snapshot
@@ -81,6 +85,11 @@ class PythonPlayer:
     def set(self, setting: Limits | Settings) -> None:
         if isinstance(setting, Settings):
             self.qp.daqp.max_iterations = setting.cap or self.qp.as_built
+            return
+        guard, widest = self.mpc.guard, InputGuard(self.mpc.ocp)
+        for name, narrower in zip(SIDES, setting.each, strict=True):
+            bound, pick = getattr(widest, name), np.maximum if name in LOWER else np.minimum
+            setattr(guard, name, bound if narrower is None else pick(bound, narrower))
 
     def step(self, record: StepRecord) -> Outcome:
         late = record.status == LATE

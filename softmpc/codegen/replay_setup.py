@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from softmpc.codegen.flight_log import FlightLog
+from softmpc.codegen.generate import generate
 from softmpc.codegen.problem_hash import problem_hash
-from softmpc.codegen.replay import Player
+from softmpc.codegen.replay import Replayed, play
+from softmpc.codegen.replay_c import CPlayer, through_qemu
 from softmpc.codegen.replay_python import PythonPlayer
 from softmpc.control.stage import DISTURBANCE
 from softmpc.control.tracking import Setup, read_track_file, ready, set_up
@@ -29,6 +33,7 @@ class Replay:
     log: FlightLog
     title: str
     setup: Setup
+    code: Path | None = None  # a generated folder
 
     @property
     def torque(self) -> bool:
@@ -40,11 +45,32 @@ class Replay:
         """Which players there are without a wish: Python, and C where it wrote the log."""
         return ("python", "c") if self.log.header.writer == "C" else ("python",)
 
-    def player(self, name: str) -> Player:
-        """The player of that name."""
+    def by(self, name: str, progress: Progress | None = None) -> Replayed:
+        """What comes out of the controller of that name.
+
+        Raises `InputError` for an unknown one, `BuildError` where a compiler or an emulator is
+        missing.
+        """
         if name not in PLAYERS:
             raise InputError(unknown_name("replay", name, PLAYERS))
-        return PythonPlayer(self.setup.controller)
+        t = self.setup.controller.transcription
+        if name == "python":
+            return play(self.log, PythonPlayer(self.setup.controller), progress)
+        with self._code() as folder:
+            if name == "c":
+                return play(self.log, CPlayer(folder, t, self.log), progress)
+            return through_qemu(self.log, folder)
+
+    @contextmanager
+    def _code(self) -> Iterator[Path]:
+        """The folder of the controller in C: the one given, or one that is generated now."""
+        if self.code is not None:
+            yield self.code
+            return
+        with tempfile.TemporaryDirectory(prefix="softmpc-replay-") as scratch:
+            folder = Path(scratch) / "controller"
+            generate(self.setup, folder)
+            yield folder
 
 
 def scene_of(log: FlightLog, scene: str | os.PathLike[str] | None = None) -> Path:
@@ -65,10 +91,14 @@ def scene_of(log: FlightLog, scene: str | os.PathLike[str] | None = None) -> Pat
 
 
 def replay_of(
-    log: FlightLog, scene: str | os.PathLike[str] | None = None, progress: Progress | None = None
+    log: FlightLog,
+    scene: str | os.PathLike[str] | None = None,
+    code: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
 ) -> Replay:
     """Make the controller of a log from its scene file.
 
+    `code` is a folder that `softmpc codegen` has written; without it one is made where it is needed.
     Raises `InputError` where the scene makes another problem than the one the log is of.
     """
     path = scene_of(log, scene)
@@ -78,7 +108,7 @@ def replay_of(
     with errors_in(path):
         setup = ready(lambda report: set_up(own, task, disturbance, report), progress)
     _check(log, path, setup)
-    return Replay(log, title, setup)
+    return Replay(log, title, setup, None if code is None else Path(code))
 
 
 def _check(log: FlightLog, path: Path, setup: Setup) -> None:
