@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["COMPILE_SECONDS", "SUFFIX", "CompileError", "Compiler", "compiler", "why_none"]
+__all__ = ["COMPILE_SECONDS", "SUFFIX", "CompileError", "Compiler", "compiler", "run", "why_none"]
 
 COMPILE_SECONDS = 120.0  # then the compiler counts as hanging
 PROBE_SECONDS = 10.0
@@ -56,7 +56,7 @@ class Compiler:
         """Compile a C file to a shared library. Raises `CompileError`."""
         files = (str(source), "-o", str(library), "-lm")
         limit = COMPILE_SECONDS if seconds is None else seconds
-        _run((*self.command, *self.flags, *LINK, *files), limit, scratch=library.parent)
+        run((*self.command, *self.flags, *LINK, *files), limit, scratch=library.parent)
         if not library.is_file():
             raise CompileError(f"{self.command[0]} wrote no library")
 
@@ -96,17 +96,17 @@ def _search(cc: str, path: str) -> tuple[Compiler | None, str]:
 
 def _probe(command: tuple[str, ...]) -> Compiler:
     """Ask a compiler for its version and for what `native` means to it."""
-    version = _run((*command, "--version"), PROBE_SECONDS).strip()
+    version = run((*command, "--version"), PROBE_SECONDS).strip()
     for flag in PROCESSORS:
         with suppress(CompileError):
-            macros = _run((*command, *flag, "-dM", "-E", "-x", "c", os.devnull), PROBE_SECONDS)
+            macros = run((*command, *flag, "-dM", "-E", "-x", "c", os.devnull), PROBE_SECONDS)
             if "#define" in macros:  # GCC and Clang alike; anything else is no such compiler
                 processor = macros if flag else macros + platform.processor()
                 return Compiler(command, version, processor, (*OPTIMISE, *flag))
     raise CompileError(f"{command[0]} is no C compiler like GCC or Clang")
 
 
-def _run(command: tuple[str, ...], seconds: float, scratch: Path | None = None) -> str:
+def run(command: tuple[str, ...], seconds: float, scratch: Path | None = None) -> str:
     """Output of a command. Raises `CompileError`; leaves no process behind, whatever happens."""
     environment = os.environ | {"LC_ALL": "C"} | ({"TMPDIR": str(scratch)} if scratch else {})
     try:

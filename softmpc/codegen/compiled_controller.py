@@ -7,7 +7,6 @@ The sources are compiled into a shared library, which is driven through ctypes. 
 from __future__ import annotations
 
 import ctypes
-import subprocess
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.compiler import SUFFIX, compiler, why_none
-from softmpc.control.ocp import Ocp
+from softmpc.codegen.building import build_library
 from softmpc.control.step import (
     BUDGET_OVERRUN,
     FAILED,
@@ -26,54 +24,14 @@ from softmpc.control.step import (
     Step,
 )
 from softmpc.control.transcription import References, Transcription
-from softmpc.errors import BuildError, InputError
+from softmpc.errors import InputError
 
-__all__ = ["CompiledController", "build_library", "sources_of"]
+__all__ = ["CompiledController"]
 
-OPTIMISE = ("-std=c99", "-O2", "-ffp-contract=off")
-SECONDS = 300.0  # then the compiler counts as hanging
 STATUS = (SOLVED, ITERATION_CAP, BUDGET_OVERRUN, INPUT_NOT_FINITE, FAILED)
 SOURCE = ("solution", "shifted plan", "held input")
-NO_MAIN = ("main.c",)  # what is a program, and no part of the controller
 
 Array = np.ndarray
-
-
-def sources_of(folder: Path) -> list[Path]:
-    """The C files of a controller."""
-    return [path for path in sorted(folder.glob("*.c")) if path.name not in NO_MAIN]
-
-
-def build_library(folder: Path, flags: Sequence[str] = (), single: bool = False) -> Path:
-    """Compile the controller of a folder to a shared library in it; one for each set of flags.
-
-    Raises `BuildError` where there is no compiler, or where it fails.
-    """
-    found = compiler()
-    if found is None:
-        raise BuildError(
-            f"no C compiler ({why_none()}): install gcc or clang, or name one in the variable CC"
-        )
-    more = [*(["-DSMPC_FLOAT", "-fsingle-precision-constant"] if single else []), *flags]
-    name = "_".join(["controller", "float" if single else "double", *(f.strip("-") for f in flags)])
-    library = folder / "build" / (name.replace("=", "_").replace(",", "_") + SUFFIX)
-    sources = sources_of(folder)
-    if not sources:
-        raise BuildError(f"{folder}: holds no C files; `softmpc codegen` writes them")
-    newest = max(path.stat().st_mtime for path in folder.iterdir() if path.is_file())
-    if library.is_file() and library.stat().st_mtime >= newest:
-        return library
-    library.parent.mkdir(exist_ok=True)
-    files = [*map(str, sources), "-o", str(library), "-lm"]
-    command = [*found.command, *OPTIMISE, *more, "-shared", "-fPIC", *files]
-    try:
-        ended = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
-    except subprocess.TimeoutExpired:
-        raise BuildError(f"{found} did not end within {SECONDS:g} s for {folder}") from None
-    if ended.returncode:
-        lines = [line for line in ended.stderr.splitlines() if "error" in line]
-        raise BuildError(f"{folder}: {found} failed: {(lines or ['no message'])[0]}")
-    return library
 
 
 class _Report(ctypes.Structure):
@@ -142,7 +100,7 @@ class CompiledController:
         pointer.array = array
         return pointer
 
-    # --- the calls of a controller -----------------------------------------------------------------
+    # --- the calls of a controller ----------------------------------------------------------------
 
     def reset(self) -> None:
         """Forget the last plan and input."""
