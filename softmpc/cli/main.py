@@ -35,6 +35,7 @@ COMMANDS = {
     "simulate": "Run the motion that a scene describes.",
     "plan": "Plan the motion of least time, effort or jerk through goals.",
     "track": "Move the tip along a path by nonlinear MPC.",
+    "codegen": "Write the controller of a scene as a directory of C.",
     "replay": "Run a flight log through the controllers again.",
     "compare": "Compare the section tips of two simulations.",
     "ablate": "Show what each part of a scene changes and costs.",

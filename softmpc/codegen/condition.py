@@ -43,8 +43,8 @@ def conditioning(solver: RealTime, states: list[tuple[Array, Array]]) -> Conditi
     return Conditioning(
         condition,
         damping,
-        f"float is refused: the condensed Hessian has a condition of {condition:.1e}, and would need "
-        f"a regularisation of {damping:.1e} (at most {LARGEST:g}) for {WORST:g}; raise "
+        f"float is refused: the condensed Hessian has a condition of {condition:.1e}, and would "
+        f"need a regularisation of {damping:.1e} (at most {LARGEST:g}) for {WORST:g}; raise "
         "torque_deviation or tip_deviation, use blocks or a shorter horizon, or build with double",
     )
 

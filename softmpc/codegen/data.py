@@ -124,7 +124,7 @@ class ControllerData:
                 found[b] = b + 1
         return found
 
-    # --- matrices in the moves, inputs first -------------------------------------------------------
+    # --- matrices in the moves, inputs first ------------------------------------------------------
 
     @cached_property
     def _order(self) -> Array:
@@ -134,7 +134,7 @@ class ControllerData:
         return np.concatenate([place[:, : t.inputs].ravel(), place[:, t.inputs :].ravel()])
 
     def _squares(self) -> tuple[Array, Array]:
-        """The constant part of H: of the inputs, its lower half, and of the slacks, its diagonal."""
+        """The constant part of H: the lower half of the inputs', the diagonal of the slacks'."""
         moved = self.sizes["MOVED"]
         H = self.solver.condensing.still_H[np.ix_(self._order, self._order)]
         slacks = H[moved:, moved:]

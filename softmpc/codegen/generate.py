@@ -58,14 +58,14 @@ class Generated:
 
 
 def generate_file(
-    path: str | os.PathLike[str], out: str | os.PathLike[str], progress: Progress | None = None,
-    iterations: int = ITERATIONS,
+    path: str | os.PathLike[str], out: str | os.PathLike[str], progress: Progress | None = None, *,
+    iterations: int = ITERATIONS, max_rows: int | None = None,
 ) -> Generated:  # fmt: skip
-    """The controller of a scene file's table [track]."""
+    """The controller of a scene file's table [track], see `generate`."""
     title, scene, task = read_track_file(path)
     with errors_in(path):
         setup = ready(lambda report: set_up(scene, task, progress=report), progress)
-        return generate(setup, out, iterations=iterations, title=title)
+        return generate(setup, out, iterations=iterations, max_rows=max_rows, title=title)
 
 
 def generate(
@@ -118,8 +118,8 @@ def _real_time(mpc: Mpc) -> RealTime:
     solver = mpc.solver
     if not isinstance(solver, RealTime) or not solver.splits:
         raise BuildError(
-            f"codegen: the solver is {type(solver).__name__}; C code is made of real-time iteration: "
-            'set solver = "real-time" in [track.controller]'
+            f"codegen: the solver is {type(solver).__name__}; C code is made of real-time "
+            'iteration: set solver = "real-time" in [track.controller]'
         )
     return solver
 

@@ -1,7 +1,7 @@
 """The functions of a model in C: small ones, which the controller calls in loops.
 
-CasADi writes them; one wrapper each gives them plain arguments, row by row, and the work memory that
-they need on the stack.
+CasADi writes them; one wrapper each gives them plain arguments, row by row, and the work memory
+that they need on the stack.
 """
 
 from __future__ import annotations

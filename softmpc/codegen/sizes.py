@@ -17,7 +17,7 @@ __all__ = ["Tolerances", "sizes_header"]
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Numbers that depend on the precision. Those of the quadratic program are DAQP's own settings."""
+    """Numbers that depend on the precision; those of the quadratic program are DAQP's settings."""
 
     damping: float  # of each diagonal entry of the Hessian
     rounding: float = ROUNDING  # of the merit function

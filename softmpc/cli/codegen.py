@@ -1,0 +1,117 @@
+"""`softmpc codegen SCENE --out DIR`: the controller of a scene as a directory of C."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from softmpc.cli.common import Answer, answering, scene_argument, stages, table
+
+if TYPE_CHECKING:
+    from softmpc.codegen.generate import Generated
+
+__all__ = ["command"]
+
+KINDS = ("nmpc", "lqr", "table")
+STAGE = "checking the path", "place"
+
+
+@click.command("codegen")
+@scene_argument
+@click.option(
+    "--controller", "kind", type=click.Choice(KINDS), default="nmpc", show_default=True,
+    help="Nonlinear MPC, or a baseline behind the same interface: LQR, or a table of inverse "
+    "statics with feedback.",
+)  # fmt: skip
+@click.option(
+    "--iterations", type=click.IntRange(1, 1_000_000), default=1000, show_default=True,
+    help="Most iterations of the quadratic program in a step.",
+)  # fmt: skip
+@click.option(
+    "--max-rows", type=click.IntRange(1, 1_000_000),
+    help="Rows of limits that may be near or active at once; all by default. Fewer take less "
+    "memory, and a step that needs more fails with status 'too many rows'.",
+)  # fmt: skip
+@click.option(
+    "--footprint", "measured", is_flag=True,
+    help="Compile for a Cortex-M7 with arm-none-eabi-gcc and print flash, RAM and stack.",
+)  # fmt: skip
+@answering("codegen")
+def command(
+    scene: Path, kind: str, iterations: int, max_rows: int | None, measured: bool, out: Path | None
+) -> Answer:
+    """Write the controller of the table [track] of SCENE as C99 into the folder --out.
+
+    The folder needs nothing but a C compiler: `make run` in it runs the scene's path. Its README
+    says more.
+    """
+    if out is None:
+        raise click.UsageError("codegen needs a folder to write to: give --out DIR")
+    if kind != "nmpc":
+        return _baseline(scene, kind, out)
+    from softmpc.codegen.generate import generate_file
+
+    with stages(*STAGE) as stage:
+        made = generate_file(scene, out, stage(*STAGE), iterations=iterations, max_rows=max_rows)
+    data = _about(made)
+    text = _text(data)
+    if measured:
+        from softmpc.codegen.footprint import footprint, footprint_table
+
+        with stages("compiling for the board", "precision"):
+            data["footprint"] = footprint(made.folder)
+        text += "\n\n" + footprint_table(data["footprint"])
+    return Answer(data, text)
+
+
+def _baseline(scene: Path, kind: str, out: Path) -> Answer:
+    from softmpc.codegen.baselines import generate_baseline
+    from softmpc.control.tracking import read_track_file, ready, set_up
+    from softmpc.errors import errors_in
+
+    title, arm, task = read_track_file(scene)
+    with stages(*STAGE) as stage, errors_in(scene):
+        setup = ready(lambda report: set_up(arm, task, progress=report), stage(*STAGE))
+        generate_baseline(setup, kind, out, title)
+    data = {"folder": str(out), "controller": kind}
+    return Answer(data, table([("controller", kind), ("folder", out), ("to run it", _run(out))]))
+
+
+def _run(folder: Path) -> str:
+    return f"make -C {folder} run"
+
+
+def _about(made: Generated) -> dict[str, Any]:
+    """What programs are told."""
+    sizes, worst = made.sizes, made.conditioning
+    return {
+        "folder": str(made.folder),
+        "controller": "nmpc",
+        "version": made.identity["VERSION"],
+        "scene_hash": made.identity["SCENE_HASH"],
+        "states": sizes["NX"],
+        "inputs": sizes["INPUTS"],
+        "intervals": sizes["N"],
+        "moves": sizes["MOVES"],
+        "rows": sizes["PROGRAM_ROWS"],
+        "max_rows": sizes["MAX_ROWS"],
+        "condition": worst.condition,
+        "float_regularisation": None if worst.refused else worst.damping,
+        "float_refused": worst.refused or None,
+    }
+
+
+def _text(data: dict[str, Any]) -> str:
+    single = data["float_refused"] or f"regularised by {data['float_regularisation']:.1e}"
+    return table([
+        ("controller", f"{data['states']} states, {data['inputs']} inputs, "
+         f"{data['intervals']} intervals"),
+        ("program", f"{data['moves']} moves, {data['rows']} rows of limits"),
+        ("condition", f"{data['condition']:.1e} of the scaled Hessian"),
+        ("float", single),
+        ("identity", f"{data['version']}, scene {data['scene_hash']}"),
+        ("folder", data["folder"]),
+        ("to run it", _run(Path(data["folder"]))),
+    ])  # fmt: skip
