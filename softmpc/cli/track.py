@@ -25,6 +25,7 @@ from softmpc.cli.common import (
 
 if TYPE_CHECKING:
     from softmpc.control.track_result import TrackResult
+    from softmpc.control.tracking import Deputy
 
 __all__ = ["command"]
 
@@ -48,6 +49,19 @@ CHECKING = "checking the path", "place"
     "--ideal", is_flag=True,
     help="Leave the table [rig] out: the state is known, and nothing fails.",
 )  # fmt: skip
+@click.option(
+    "--controller", "language", type=click.Choice(("python", "c")), default="python",
+    help="Who controls: the controller in Python, or the one that `softmpc codegen` writes, "
+    "compiled for this machine and driven in the same loop.",
+)  # fmt: skip
+@click.option(
+    "--precision", type=click.Choice(("double", "float")), default="double",
+    help="Numbers of the controller in C.",
+)  # fmt: skip
+@click.option(
+    "--record", type=click.Path(path_type=Path), metavar="LOG",
+    help="Write a flight log, which `softmpc replay` runs again.",
+)  # fmt: skip
 @animation_option
 @answering("track")
 def command(
@@ -55,6 +69,9 @@ def command(
     on_infeasible: str | None,
     against: bool,
     ideal: bool,
+    language: str,
+    precision: str,
+    record: Path | None,
     animate: bool,
     out: Path | None,
 ) -> Answer:
@@ -64,17 +81,35 @@ def command(
     """
     from softmpc.rig.rigging import read_rig_file
 
+    by = _deputy(scene, language, precision, record)
+    if by is not None and against:
+        raise click.UsageError(
+            "--compare runs controllers of its own: leave it out, or --controller and --record"
+        )
     if not ideal and read_rig_file(scene) is not None:
         if against:
             raise click.UsageError("--compare knows the state: add --ideal, or leave it out")
-        return _on_rig(scene, on_infeasible, animate, out)
-    return _ideal(scene, on_infeasible, against, animate, out)
+        return _on_rig(scene, on_infeasible, by, animate, out)
+    return _ideal(scene, on_infeasible, against, by, animate, out)
 
 
-def _on_rig(scene: Path, on_infeasible: str | None, animate: bool, out: Path | None) -> Answer:
+def _deputy(scene: Path, language: str, precision: str, record: Path | None) -> Deputy | None:
+    """Who controls instead of the controller in Python, if anyone does."""
+    if language == "python" and precision != "double":
+        raise click.UsageError("--precision float is for --controller c: Python works in double")
+    if language == "python" and record is None:
+        return None
+    from softmpc.codegen.in_the_loop import InTheLoop
+
+    return InTheLoop(language == "c", precision == "float", record, scene)
+
+
+def _on_rig(
+    scene: Path, on_infeasible: str | None, by: Deputy | None, animate: bool, out: Path | None
+) -> Answer:
     from softmpc.cli.track_rig import answer, draw_rig, run_on_rig
 
-    result = run_on_rig(scene, on_infeasible)
+    result = run_on_rig(scene, on_infeasible, by)
     if out:
         result.save(out)
         if result.track.statuses:
@@ -84,7 +119,12 @@ def _on_rig(scene: Path, on_infeasible: str | None, animate: bool, out: Path | N
 
 
 def _ideal(
-    scene: Path, on_infeasible: str | None, against: bool, animate: bool, out: Path | None
+    scene: Path,
+    on_infeasible: str | None,
+    against: bool,
+    by: Deputy | None,
+    animate: bool,
+    out: Path | None,
 ) -> Answer:
     from softmpc.control.compare import compare_file
     from softmpc.control.tracking import track_file
@@ -96,7 +136,7 @@ def _ideal(
             others = compare_file(scene, tracking, on_infeasible, checking)
             result = next(iter(others.values()))
         else:
-            result = track_file(scene, tracking, on_infeasible, checking)
+            result = track_file(scene, tracking, on_infeasible, checking, by)
     data = {"title": result.title, **result.summary()}
     if out:
         result.save(out)

@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any
 from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, OK, Answer, stages, table
 
 if TYPE_CHECKING:
+    from softmpc.control.tracking import Deputy
     from softmpc.rig.result import RigResult
 
 __all__ = ["answer", "draw_rig", "run_on_rig"]
 
 
-def run_on_rig(scene: Path, on_infeasible: str | None) -> RigResult:
+def run_on_rig(scene: Path, on_infeasible: str | None, by: Deputy | None = None) -> RigResult:
     """The run, with progress."""
     from softmpc.cli.track import CHECKING
     from softmpc.rig.rigging import run_rig_file
 
     with stages(*CHECKING) as stage:
         checking, tracking = stage(*CHECKING), stage("tracking on the rig", "step")
-        return run_rig_file(scene, tracking, on_infeasible, checking)
+        return run_rig_file(scene, tracking, on_infeasible, checking, by)
 
 
 def draw_rig(out: Path, result: RigResult) -> None:

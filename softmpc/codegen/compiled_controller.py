@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from softmpc.codegen.building import build_library
+from softmpc.control.input_guard import InputGuard
 from softmpc.control.step import (
     BUDGET_OVERRUN,
     FAILED,
@@ -55,6 +56,8 @@ class CompiledController:
     `budget` (s) is measured by `clock`, a function without arguments.
     """
 
+    name = "real-time in C"
+
     def __init__(
         self,
         folder: Path,
@@ -66,6 +69,7 @@ class CompiledController:
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.transcription, self.ocp, self.folder = transcription, transcription.ocp, Path(folder)
+        self.guard = InputGuard(self.ocp)
         self.real: Any = ctypes.c_float if single else ctypes.c_double
         self.dtype: Any = np.float32 if single else np.float64
         self.library = ctypes.CDLL(str(build_library(self.folder, flags, single)))
@@ -74,7 +78,7 @@ class CompiledController:
         start = ctypes.addressof(self._memory)
         self._at = ctypes.c_void_p(start + -start % 64)
         self._clock = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p)(lambda _: clock())
-        self.budget = budget
+        self._budget, self._cap = budget, 0
         self._u = np.zeros(transcription.inputs, self.dtype)
         self._asked: tuple[float, bool] | None = None
         self._last: Array | None = None
@@ -91,6 +95,7 @@ class CompiledController:
         ]  # fmt: skip
         for name, count in (("set_reference", 1), ("prepare", 1), ("feedback", 2), ("step", 3)):
             getattr(lib, f"smpc_{name}").argtypes = [ctypes.c_void_p, *[real] * count]
+        lib.smpc_set_cap.argtypes = [ctypes.c_void_p, ctypes.c_uint]
         lib.smpc_set_limits.argtypes = [ctypes.c_void_p, *[real] * 4]
 
     def _given(self, value: Array) -> Any:
@@ -105,10 +110,34 @@ class CompiledController:
     def reset(self) -> None:
         """Forget the last plan and input."""
         self.library.smpc_init(self._at)
-        if self.budget is not None:
-            clock = ctypes.cast(self._clock, ctypes.c_void_p)
-            self.library.smpc_set_clock(self._at, clock, None, self.budget)
+        self.budget, self.max_iterations = self._budget, self._cap
         self._asked = self._last = None
+
+    @property
+    def budget(self) -> float | None:
+        """The time (s) that a step may take; None sets none."""
+        return self._budget
+
+    @budget.setter
+    def budget(self, seconds: float | None) -> None:
+        self._budget = seconds
+        clock = None if seconds is None else ctypes.cast(self._clock, ctypes.c_void_p)
+        self.library.smpc_set_clock(self._at, clock, None, seconds or 0.0)
+
+    @property
+    def qp(self) -> CompiledController:
+        """What has the attribute `max_iterations`, as the solver of a quadratic program."""
+        return self
+
+    @property
+    def max_iterations(self) -> int:
+        """The most iterations of the quadratic program in a step; 0: as built."""
+        return self._cap
+
+    @max_iterations.setter
+    def max_iterations(self, cap: int) -> None:
+        self._cap = cap
+        self.library.smpc_set_cap(self._at, cap)
 
     def set_limits(
         self, low: Array | None = None, high: Array | None = None, fall: Array | None = None,

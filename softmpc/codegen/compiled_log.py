@@ -52,7 +52,7 @@ def restore(controller: CompiledController, snapshot: Snapshot) -> bool:
 
 def set_cap(controller: CompiledController, cap: int) -> None:
     """The most iterations of its quadratic program in a step; 0: as built."""
-    _function(controller, "smpc_set_cap")(controller._at, ctypes.c_uint32(cap))
+    _function(controller, "smpc_set_cap")(controller._at, ctypes.c_uint(cap))
 
 
 class CompiledRecorder:

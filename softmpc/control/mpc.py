@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softmpc.control.costs import PLANNED_INPUT
+from softmpc.control.daqp import Daqp
 from softmpc.control.input_guard import InputGuard
 from softmpc.control.ipopt import Ipopt
 from softmpc.control.one_thread import one_thread
@@ -89,6 +90,11 @@ class Mpc:
         self._rollout = Rollout(transcription, fast)
         one_thread.look()
         self.reset()
+
+    @property
+    def qp(self) -> Daqp | None:
+        """What solves its quadratic programs; None where there are none."""
+        return getattr(self.solver, "qp", None)
 
     def reset(self) -> None:
         """Forget the last plan and input."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -36,12 +37,11 @@ from softmpc.statics.clearance import find_clearance
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 
-__all__ = ["Setup", "Tracking", "read_tracking", "read_track_file", "ready", "set_up", "track",
-           "track_file", "without_feed_forward"]  # fmt: skip
+__all__ = ["Deputy", "Setup", "Tracking", "deputy", "read_track_file", "read_tracking", "ready",
+           "set_up", "track", "track_file", "without_feed_forward"]  # fmt: skip
 
 CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
-NAMELESS = {"controller": ""}  # of a run with another controller than the task's
 LINES = 4  # of what is infeasible, in an error
 SLOWER = "give it more time (lap_time)"
 FASTER = f"{SLOWER}, or raise torque_rate in [track.controller]"
@@ -60,6 +60,7 @@ ADVICE = {
 }
 
 Progress = Callable[[int, int], None]
+Deputy = Callable[["Setup"], AbstractContextManager[Any]]
 T = TypeVar("T")
 
 
@@ -85,15 +86,23 @@ def track_file(
     progress: Progress | None = None,
     on_infeasible: str | None = None,
     checking: Progress | None = None,
+    by: Deputy | None = None,
 ) -> TrackResult:
     """Run the scene file's tracking task: its path, by NMPC, on its plant.
 
-    `checking` is told of the checks before the run, `progress` of the run.
+    `checking` is told of the checks before the run, `progress` of the run. `by(setup)` is a context
+    with a controller that does it instead of the task's own.
     """
     title, scene, task = read_track_file(path, on_infeasible)
     with errors_in(path):
         setup = ready(lambda report: set_up(scene, task, progress=report), checking)
-    return replace(setup.run(setup.controller, progress), title=title)
+    with deputy(by, setup) as controller:
+        return replace(setup.run(controller, progress), title=title)
+
+
+def deputy(by: Deputy | None, setup: Setup) -> AbstractContextManager[Any]:
+    """The controller that runs a task: its own where `by` is None."""
+    return nullcontext(setup.controller) if by is None else by(setup)
 
 
 def track(
@@ -150,7 +159,9 @@ class Setup:
             controller, self.plant, self.guide, self.start, settle=settle, progress=progress
         )
         about = self.about()
-        return replace(result, **about if controller is self.controller else about | NAMELESS)
+        if controller is not self.controller:
+            about["controller"] = getattr(controller, "name", "")
+        return replace(result, **about)
 
     def about(self) -> dict[str, Any]:
         """What a record of a run says of its task."""

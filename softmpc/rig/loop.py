@@ -9,7 +9,6 @@ import numpy as np
 
 from softmpc.control.closed_loop import Start
 from softmpc.control.daqp import Daqp
-from softmpc.control.real_time import RealTime
 from softmpc.errors import InputError
 from softmpc.estimation.sensors import TICK
 from softmpc.interrupts import InterruptLater
@@ -124,8 +123,7 @@ class _Usual:
 
     @classmethod
     def of(cls, pilot: Pilot, faults: Sequence[Fault]) -> _Usual:
-        solver = pilot.mpc.solver
-        qp = solver.qp if isinstance(solver, RealTime) else None
+        qp = pilot.mpc.qp
         if qp is None and any(isinstance(fault, SolverCap) for fault in faults):
             raise InputError(
                 f"fault {SolverCap.name!r}: needs a solver of quadratic programs, real-time or sqp"

@@ -15,7 +15,15 @@ from softmpc.control.loop_cost import loop_costs
 from softmpc.control.planned_start import is_at_rest
 from softmpc.control.state_map import StateMap
 from softmpc.control.track_result import TrackResult
-from softmpc.control.tracking import Setup, Tracking, read_track_file, ready, set_up
+from softmpc.control.tracking import (
+    Deputy,
+    Setup,
+    Tracking,
+    deputy,
+    read_track_file,
+    ready,
+    set_up,
+)
 from softmpc.errors import SceneError, errors_in
 from softmpc.estimation.estimator import Estimator
 from softmpc.estimation.process import Process
@@ -51,16 +59,19 @@ def run_rig_file(
     progress: Progress | None = None,
     on_infeasible: str | None = None,
     checking: Progress | None = None,
+    by: Deputy | None = None,
 ) -> RigResult:
-    """Run the scene file's tracking task on its rig; progress as for `track_file`."""
+    """Run the scene file's tracking task on its rig; progress and `by` as for `track_file`."""
     title, scene, task = read_track_file(path, on_infeasible)
     settings = read_rig_file(path)
     if settings is None:
         raise SceneError(f"{Path(path)}: [rig] is missing: it says what is measured, and how well")
     with errors_in(path):
         rig = ready(lambda report: rig_up(scene, task, settings, report), checking)
-    result = rig.run(progress)
-    return replace(result, track=replace(result.track, title=title))
+    with deputy(by, rig.setup) as rig.pilot.mpc:
+        result = rig.run(progress)
+    name = getattr(rig.pilot.mpc, "name", result.track.controller)
+    return replace(result, track=replace(result.track, title=title, controller=name))
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,6 +70,9 @@ int smpc_set_limits(
 /* A clock in seconds, and the time that a step may take; NULL or a budget of 0 sets none. */
 void smpc_set_clock(smpc_controller *c, double (*clock)(void *), void *with, double budget);
 
+/* The most iterations of the quadratic program in a step, SMPC_QP_ITERATIONS at most; 0: those. */
+void smpc_set_cap(smpc_controller *c, unsigned cap);
+
 /* All that needs no measurement. u_before (SMPC_INPUTS): the input applied until now. */
 void smpc_prepare(smpc_controller *c, const smpc_real *u_before);
 

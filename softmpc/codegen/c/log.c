@@ -78,8 +78,3 @@ int smpc_restore(smpc_controller *c, const smpc_snapshot *s)
     }
     return 0;
 }
-
-void smpc_set_cap(smpc_controller *c, uint32_t cap)
-{
-    c->cap = cap && cap < SMPC_QP_ITERATIONS ? (int)cap : SMPC_QP_ITERATIONS;
-}

@@ -24,9 +24,6 @@ void smpc_log_settings(smpc_recorder *r, const smpc_controller *c);
  * snapshot is of another controller. */
 int smpc_restore(smpc_controller *c, const smpc_snapshot *s);
 
-/* The most iterations of the quadratic program in a step; 0: as built. */
-void smpc_set_cap(smpc_controller *c, uint32_t cap);
-
 #ifdef __cplusplus
 }
 #endif

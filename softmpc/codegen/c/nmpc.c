@@ -53,6 +53,11 @@ void smpc_set_clock(smpc_controller *c, double (*clock)(void *), void *with, dou
     c->budget = clock && budget > 0 ? budget : 0;
 }
 
+void smpc_set_cap(smpc_controller *c, unsigned cap)
+{
+    c->cap = cap && cap < SMPC_QP_ITERATIONS ? (int)cap : SMPC_QP_ITERATIONS;
+}
+
 const smpc_report *smpc_last(const smpc_controller *c)
 {
     return &c->report;
