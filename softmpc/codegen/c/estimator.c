@@ -73,6 +73,7 @@ static int refused(smpc_estimator *e, int32_t tick, const smpc_sample *sample)
 void smpc_estimator_receive(
     smpc_estimator *e, int32_t tick, const smpc_sample *samples, int count)
 {
+    if (!e->count) return; /* it was never reset */
     for (int i = 0; i < count; i++) {
         const smpc_sample *sample = &samples[i];
         if (sample->sensor < 0 || sample->sensor >= SMPC_SENSORS) {

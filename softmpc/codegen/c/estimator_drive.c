@@ -130,7 +130,9 @@ void smpc_move_drive(const smpc_lasting *of, int stage, const real *z, const rea
         const unsigned short *member = smpc_filter_block_member + smpc_filter_block_start[block];
         E += smpc_filter_place_in_block[i] * size;
         to[i] = 0;
-        for (int j = 0; j < size; j++)
-            to[i] += E[j] * (member[j] < SMPC_DRIVE ? z[member[j]] : v[member[j] - SMPC_DRIVE]);
+        for (int j = 0; j < size; j++) {
+            const int of_u = member[j] - SMPC_DRIVE;
+            to[i] += E[j] * (of_u < 0 ? z[member[j]] : v[of_u]);
+        }
     }
 }

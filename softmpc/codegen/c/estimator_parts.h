@@ -24,7 +24,7 @@ void smpc_prune(smpc_estimator *e, int32_t tick);
 void smpc_predict(smpc_belief *b, smpc_move *m, real seconds, real bent);
 int smpc_expect(smpc_look *look, const real *P);
 void smpc_update(smpc_belief *b, const smpc_look *look);
-real smpc_bent(const real *P);
+real smpc_linearising_leaves(const real *P);
 
 /* estimator_drive.c: what belongs to a step of some length */
 void smpc_prepare_step(smpc_lasting *of, real seconds);

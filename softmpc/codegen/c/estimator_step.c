@@ -170,7 +170,7 @@ static int one_step(smpc_belief *b, smpc_move *w, const real *u, real seconds)
     memcpy(b->s + arm, w->z, sizeof(real) * SMPC_DRIVE);
     end_rows(w, b->stages.slope);
     slope_of_arm(w);
-    smpc_predict(b, w, seconds, smpc_bent(b->P));
+    smpc_predict(b, w, seconds, smpc_linearising_leaves(b->P));
     return SMPC_NO_TROUBLE;
 }
 

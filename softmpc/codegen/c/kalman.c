@@ -13,7 +13,7 @@ static void add_row(real *restrict to, const real *restrict row, real f, int siz
 }
 
 /* Share of a variance that linearising leaves: as large as the uncertainty of the strains. */
-real smpc_bent(const real *P)
+real smpc_linearising_leaves(const real *P)
 {
     real worst = 0;
     for (int i = 0; i < SMPC_STRAINS; i++)

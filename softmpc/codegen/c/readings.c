@@ -101,7 +101,7 @@ static real tip_row(smpc_look *look, int row, int tip, const real *P, real bent)
 void smpc_look_at(smpc_look *look, const smpc_belief *b, const smpc_sample *sample, const real *u)
 {
     const int i = sample->sensor, first = start_of(i);
-    const real bent = smpc_bent(b->P);
+    const real bent = smpc_linearising_leaves(b->P);
     look->sensor[look->sensors] = i;
     look->start[look->sensors++] = look->count;
     if (smpc_filter_read_tip[first] >= 0) smpc_tips(b->s, look->tips, look->tips_slope);
