@@ -26,13 +26,12 @@ from softmpc.model.model import Model
 
 __all__ = ["BASELINES", "baseline_files", "generate_baseline", "told_of"]
 
-BASELINES = {"lqr": Regulated, "table": StaticsTable}
+Baseline = Regulated | StaticsTable
+BASELINES: dict[str, type[Baseline]] = {"lqr": Regulated, "table": StaticsTable}
 SHARED = (
     "controller.h", "real.h", "linear.h", "linear.c", "guard.h", "guard.c", "names.c",
     "baselines/memory.h", "baselines/parts.h", "baselines/baseline.c",
 )  # fmt: skip
-
-Baseline = Regulated | StaticsTable
 
 
 def generate_baseline(
@@ -46,7 +45,8 @@ def generate_baseline(
     if kind not in BASELINES:
         raise InputError(unknown_name("controller", kind, BASELINES))
     folder = checked_folder(out)
-    baseline: Baseline = BASELINES[kind](setup.ocp, setup.guide)
+    make = BASELINES[kind]
+    baseline = make(setup.ocp, setup.guide)
     texts = baseline_files(baseline, kind)
     texts |= demonstration(setup, told_of(baseline, steps_of(setup)), title)
     texts["README.md"] = directory_readme(setup.ocp.model, texts, title)

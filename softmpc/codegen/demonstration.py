@@ -13,14 +13,17 @@ __all__ = ["demonstration"]
 
 COPIED = (
     "Makefile", "CMakeLists.txt", "LICENSE", "demo/main.c", "demo/plant.c", "demo/plant.h",
-    "demo/plant_linear.c", "demo/plant_stages.c", "demo/plant_stages.h",
+    "demo/plant_linear.c", "demo/plant_stages.c", "demo/plant_stages.h", "board/README.md",
+    "board/board_main.c", "board/linux_main.c", "board/mps2_an500.ld", "board/sections.ld",
+    "board/semihosting.c", "board/semihosting.h", "board/startup.c", "board/startup.h",
+    "board/steps.c", "board/steps.h", "board/stm32h743.ld",
 )  # fmt: skip
 
 
 def demonstration(
     setup: Setup, references: np.ndarray, title: str = "", tolerance: float = TOLERANCE
 ) -> dict[str, str]:
-    """Files by name: the program in `demo`, its plant and path, Makefile, CMakeLists and licence.
+    """Files by name: the program in `demo`, its plant and path, how to build it; `board`.
 
     `references` (K×N×nr) is what the controller is told in each of K steps, see `references_of`;
     `tolerance` that of a step of the plant (m, at the tip).

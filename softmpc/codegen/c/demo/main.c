@@ -77,7 +77,7 @@ static void write_row(FILE *csv, double t, const double *tips, const double *ask
     for (int i = 0; i < 3 * SECTIONS; i++) fprintf(csv, ",%.12g", tips[i]);
     for (int i = 0; i < 3; i++) fprintf(csv, ",%.12g", asked[i]);
     for (int j = 0; j < INPUTS; j++) fprintf(csv, ",%.12g", u[j]);
-    fprintf(csv, ",%s,%.4f\n", smpc_status_name(status), ms);
+    fprintf(csv, ",%d,%.4f\n", status, ms);
 }
 
 /* --- closed loop ------------------------------------------------------------------------------ */
