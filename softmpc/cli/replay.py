@@ -58,15 +58,15 @@ def command(
     Exit status 0: all inputs and statuses agree; 4: some do not.
     """
     from softmpc.codegen.flight_log import read_log
-    from softmpc.codegen.replay_setup import replay_of
+    from softmpc.codegen.replay_setup import players_of, replay_of
 
     read = read_log(log)
+    names = players_of(read, players)
     if read.damage:
         notice(f"warning: {log}: {read.damage}; {len(read.steps)} steps before it are read")
     with stages("making the controller", "place") as stage:
         replay = replay_of(read, scene, code, stage("making the controller", "place"))
-        names = replay.default if players is None else tuple(players.split(","))
-        done = [_played(replay, name.strip(), tolerance, stage) for name in names]
+        done = [_played(replay, name, tolerance, stage) for name in names]
     found = [comparison for comparison, _ in done]
     data = _data(replay, found)
     if out:
@@ -133,7 +133,10 @@ def _row(log: Any, one: Comparison) -> dict[str, Any]:
 
 def _text(data: dict[str, Any]) -> str:
     rows: list[tuple[str, object]] = [
-        ("log", f"{data['steps']} steps of {data['step_s']:g} s, {8 * data['bytes_a_number']} bits"),
+        (
+            "log",
+            f"{data['steps']} steps of {data['step_s']:g} s, {8 * data['bytes_a_number']} bits",
+        ),
         ("written by", f"{data['written_by']}, softmpc {data['version']}"),
         ("damage", data["damage"] or "none"),
     ]
@@ -160,7 +163,9 @@ def _columns(data: dict[str, Any]) -> list[str]:
             "none" if first is None else f"step {first}", str(len(one["statuses_that_differ"])),
         ))  # fmt: skip
     widths = [max(len(row[k]) for row in cells) for k in range(len(titles))]
-    return ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells]
+    return [
+        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells
+    ]
 
 
 # ---------------------------------------------------------------- files

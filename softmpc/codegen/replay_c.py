@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from softmpc.codegen.compiled_controller import CompiledController
 from softmpc.codegen.compiled_log import header_of, restore, set_cap
+from softmpc.codegen.emulate import Steps, run_steps
 from softmpc.codegen.flight_format import (
     QP,
     SOURCES,
@@ -99,26 +104,39 @@ def _named(t: Transcription, given: np.ndarray) -> dict[str, np.ndarray]:
 # ---------------------------------------------------------------- on the emulated board
 
 
-def through_qemu(log: FlightLog, folder: Path, precision: str = "double") -> Replayed:
+def through_qemu(log: FlightLog, folder: Path) -> Replayed:
     """All that the board's program can do again: from each reset up to where a user set something or
     the clock decided.
 
     Raises `BuildError` where compiler or emulator are missing, or fail.
     """
-    from softmpc.codegen.emulate import Steps, run_steps
-
     found = Replayed("qemu", "C on the emulated board")
-    runs = _runs(log)
-    for run in runs:
-        steps = [log.steps[place] for place in run]
-        given = (np.array([getattr(one, name) for one in steps]) for name in ("given", "u_before", "x"))
-        answers = run_steps(folder, Steps(*given), precision=precision)
-        for place, u, status, qp, iterations in zip(
-            run, answers.u, answers.status, answers.qp, answers.iterations, strict=True
-        ):
-            found.outcomes[place] = Outcome(u, int(status), int(qp), iterations=int(iterations))
+    precision = "float" if log.header.real_bytes == 4 else "double"
+    with _with_board(folder) as whole:
+        for run in _runs(log):
+            steps = [log.steps[place] for place in run]
+            parts = ("given", "u_before", "x")
+            given = (np.array([getattr(one, part) for one in steps]) for part in parts)
+            answers = run_steps(whole, Steps(*given), precision=precision)
+            for k, place in enumerate(run):
+                figures = answers.status[k], answers.qp[k], answers.iterations[k]
+                status, qp, iterations = (int(figure) for figure in figures)
+                found.outcomes[place] = Outcome(answers.u[k], status, qp, iterations=iterations)
     found.left_out = len(log.steps) - len(found.outcomes)
     return found
+
+
+@contextmanager
+def _with_board(folder: Path) -> Iterator[Path]:
+    """A copy of a generated folder with the board's program in it."""
+    board = resources.files("softmpc.codegen").joinpath("c", "board")
+    with tempfile.TemporaryDirectory(prefix="softmpc-board-") as scratch, resources.as_file(
+        board
+    ) as own:
+        whole = Path(scratch) / "controller"
+        shutil.copytree(folder, whole, ignore=shutil.ignore_patterns("build"))
+        shutil.copytree(own, whole / "board", dirs_exist_ok=True)
+        yield whole
 
 
 def _runs(log: FlightLog) -> Sequence[Sequence[int]]:

@@ -15,12 +15,13 @@ from softmpc.codegen.problem_hash import problem_hash
 from softmpc.codegen.replay import Replayed, play
 from softmpc.codegen.replay_c import CPlayer, through_qemu
 from softmpc.codegen.replay_python import PythonPlayer
+from softmpc.control.mpc import Mpc
 from softmpc.control.stage import DISTURBANCE
 from softmpc.control.tracking import Setup, read_track_file, ready, set_up
 from softmpc.errors import InputError, errors_in, unknown_name
 from softmpc.rig.rigging import read_rig_file
 
-__all__ = ["PLAYERS", "Replay", "replay_of", "scene_of"]
+__all__ = ["PLAYERS", "Replay", "check_problem", "players_of", "replay_of", "scene_of"]
 
 PLAYERS = ("python", "c", "qemu")
 Progress = Callable[[int, int], None]
@@ -40,22 +41,17 @@ class Replay:
         """Whether inputs are torques, not pressures."""
         return self.setup.ocp.model.scene.actuation.input == "torque"
 
-    @property
-    def default(self) -> tuple[str, ...]:
-        """Which players there are without a wish: Python, and C where it wrote the log."""
-        return ("python", "c") if self.log.header.writer == "C" else ("python",)
-
     def by(self, name: str, progress: Progress | None = None) -> Replayed:
         """What comes out of the controller of that name.
 
-        Raises `InputError` for an unknown one, `BuildError` where a compiler or an emulator is
-        missing.
+        Raises `BuildError` where a compiler or an emulator is missing.
         """
-        if name not in PLAYERS:
-            raise InputError(unknown_name("replay", name, PLAYERS))
+        (name,) = players_of(self.log, name)
         t = self.setup.controller.transcription
         if name == "python":
             return play(self.log, PythonPlayer(self.setup.controller), progress)
+        if progress is not None:
+            progress(0, len(self.log.steps))
         with self._code() as folder:
             if name == "c":
                 return play(self.log, CPlayer(folder, t, self.log), progress)
@@ -71,6 +67,20 @@ class Replay:
             folder = Path(scratch) / "controller"
             generate(self.setup, folder)
             yield folder
+
+
+def players_of(log: FlightLog, names: str | None = None) -> tuple[str, ...]:
+    """Names of controllers from a list with commas; without one Python, and C where it wrote the log.
+
+    Raises `InputError` for an unknown one.
+    """
+    if names is None:
+        return ("python", "c") if log.header.writer == "C" else ("python",)
+    found = tuple(name.strip() for name in names.split(","))
+    for name in found:
+        if name not in PLAYERS:
+            raise InputError(unknown_name("replay", name, PLAYERS))
+    return found
 
 
 def scene_of(log: FlightLog, scene: str | os.PathLike[str] | None = None) -> Path:
@@ -107,22 +117,23 @@ def replay_of(
     disturbance = None if rig is None else rig.disturbance
     with errors_in(path):
         setup = ready(lambda report: set_up(own, task, disturbance, report), progress)
-    _check(log, path, setup)
+    check_problem(log, path, setup.controller)
     return Replay(log, title, setup, None if code is None else Path(code))
 
 
-def _check(log: FlightLog, path: Path, setup: Setup) -> None:
-    t, h = setup.controller.transcription, log.header
+def check_problem(log: FlightLog, scene: str | os.PathLike[str], mpc: Mpc) -> None:
+    """Raise `InputError` where a log is not of the problem of `mpc`, which the file `scene` makes."""
+    t, h = mpc.transcription, log.header
     sizes = {"intervals": t.N, "states": t.nx, "inputs": t.inputs, "references": t.nr}
     for name, size in sizes.items():
         if getattr(h, name) != size:
             raise InputError(
-                f"{log.path}: its controller has {getattr(h, name)} {name}; that of {path} has "
+                f"{log.path}: its controller has {getattr(h, name)} {name}; that of {scene} has "
                 f"{size}: give the scene file it was made with (--scene)"
             )
-    own = problem_hash(t, getattr(setup.controller.solver, "blocks", None))
+    own = problem_hash(t, getattr(mpc.solver, "blocks", None))
     if h.scene_hash != own:
         raise InputError(
-            f"{log.path}: is of another problem ({h.scene_hash}) than {path} ({own}), though of the "
-            "same sizes: give the scene file it was made with (--scene), as it was then"
+            f"{log.path}: is of another problem ({h.scene_hash}) than {scene} ({own}), though of "
+            "the same sizes: give the scene file it was made with (--scene), as it was then"
         )
