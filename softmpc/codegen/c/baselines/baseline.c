@@ -34,6 +34,13 @@ void smpc_set_clock(smpc_controller *c, double (*clock)(void *), void *with, dou
     c->budget = clock && budget > 0 ? budget : 0;
 }
 
+/* There is no quadratic program, so there is nothing to cap. */
+void smpc_set_cap(smpc_controller *c, unsigned cap)
+{
+    (void)c;
+    (void)cap;
+}
+
 const smpc_report *smpc_last(const smpc_controller *c)
 {
     return &c->report;
