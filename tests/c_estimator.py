@@ -33,20 +33,6 @@ REASONS = (
     "not finite", "frozen", "after a jump", "too late", "twice", "too far", "too early", "no room",
     "no such sensor",
 )  # fmt: skip
-LENS = """
-#include "estimator.h"
-#include <string.h>
-unsigned long lens_size(void) { return (unsigned long)sizeof(smpc_estimator); }
-unsigned long lens_sample(void) { return (unsigned long)sizeof(smpc_sample); }
-void lens_now(const smpc_estimator *e, int ahead, smpc_real *x, smpc_real *d, smpc_real *P)
-{
-    const smpc_belief *b = ahead ? &e->ahead : &e->now;
-    smpc_belief_state(b, x, d);
-    memcpy(P, b->P, sizeof b->P);
-}
-int lens_good(const smpc_estimator *e, int sensor) { return e->now.trust.good[sensor]; }
-int lens_knots(const smpc_estimator *e) { return e->count; }
-"""
 
 
 def sizes_of(model: Model) -> str:
@@ -61,12 +47,12 @@ def sizes_of(model: Model) -> str:
 
 
 def write(folder: Path, estimator: Estimator, window: Window) -> list[Path]:
-    """The generated files of an estimator alone, and the lens of these tests; the C sources."""
+    """The generated files of an estimator alone; those that are C sources."""
     model = estimator.model
     scale = (model.layout.ddq if model.order == 2 else model.layout.dq).scale
     t = SimpleNamespace(model=model, n=model.strains, x_scale=model.layout.x.scale, a_scale=scale)
     about: Any = SimpleNamespace(t=t)
-    found = files(estimator, window) | {"sizes.h": sizes_of(model), "lens.c": LENS}
+    found = files(estimator, window) | {"sizes.h": sizes_of(model)}
     found |= sources("model", _stage(about))
     for name, text in found.items():
         (folder / name).write_text(text)
@@ -82,7 +68,7 @@ def built(folder: Path, sources: Sequence[Path], library: str, *flags: str) -> c
     ]  # fmt: skip
     subprocess.run(command, check=True)
     found = ctypes.CDLL(str(folder / library))
-    found.lens_size.restype = found.lens_sample.restype = ctypes.c_ulong
+    found.smpc_estimator_memory.restype = found.smpc_sample_memory.restype = ctypes.c_ulong
     return found
 
 
@@ -91,12 +77,12 @@ class CEstimator:
 
     def __init__(self, library: ctypes.CDLL, like: Estimator, real: type = np.float64) -> None:
         self.library, self.like, self.real = library, like, real
-        self.size = int(library.lens_size())
+        self.size = int(library.smpc_estimator_memory())
         self.memory = ctypes.create_string_buffer(self.size)
         largest = max(len(reading.names) for reading in like.readings)
         kind = [("sensor", "i4"), ("stamp", "i4"), ("value", real, (largest,))]
         self.sample = np.dtype(kind, align=True)
-        assert self.sample.itemsize == library.lens_sample()
+        assert self.sample.itemsize == library.smpc_sample_memory()
         k = len(like.model.layout.u)
         self.input = np.dtype([("tick", "i4"), ("u", real, (k,))], align=True)
         library.smpc_tip_spread.restype = np.ctypeslib.as_ctypes_type(real)
@@ -144,13 +130,13 @@ class CEstimator:
         sizes = (p.nx, len(p.disturbance), (p.size, p.size))
         x, d, P = (np.zeros(size, self.real) for size in sizes)
         pointers = (one.ctypes.data_as(ctypes.c_void_p) for one in (x, d, P))
-        self.library.lens_now(self.memory, ahead, *pointers)
+        self.library.smpc_estimator_seen(self.memory, ahead, *pointers)
         return Estimate(tick * 1e-3, x, d, P)
 
     def good(self) -> list[int]:
         """Ticks of the last good readings."""
         count = len(self.like.sensors)
-        return [int(self.library.lens_good(self.memory, i)) for i in range(count)]
+        return [int(self.library.smpc_estimator_good(self.memory, i)) for i in range(count)]
 
     def reasons(self) -> list[Counter[str]]:
         """Of readings that did not count."""
@@ -162,6 +148,14 @@ class CEstimator:
             })
             for i in range(len(self.like.sensors))
         ]  # fmt: skip
+
+    def knots(self) -> int:
+        """Times that it can go back to now."""
+        count, room = 0, (ctypes.c_int * 99)()
+        numbers = np.zeros(99, self.real).ctypes.data_as(ctypes.c_void_p)
+        while self.library.smpc_estimator_judged(self.memory, count, room, numbers, room):
+            count += 1
+        return count
 
     @property
     def contradicted(self) -> int:

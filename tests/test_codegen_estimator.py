@@ -20,6 +20,7 @@ from softmpc import InputError, Scene, build, chen2022
 from softmpc.codegen.estimator_data import Window
 from softmpc.codegen.estimator_tips import tip_rows
 from softmpc.control.closed_loop import Start, start_at
+from softmpc.control.tracking import read_track_file
 from softmpc.estimation.estimator import Estimate, Estimator
 from softmpc.estimation.process import Process, ProcessNoise
 from softmpc.estimation.sensing import Sample
@@ -36,7 +37,6 @@ from softmpc.model.actuation import PressureDrive
 from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
 from softmpc.model.payload import Payload
-from softmpc.control.tracking import read_track_file
 from softmpc.rig.faults import Absent, Frozen, NotANumber, SensorFault, Spike
 from softmpc.rig.machine import Link, Machine
 from softmpc.simulation.idas import Idas
@@ -319,7 +319,7 @@ def test_it_remembers_no_more_than_it_says(case: Case) -> None:
         c.receive(tick, [Sample(1, tick, tick, y + noise)])
         assert isinstance(c.estimate(tick), Estimate)
         c.applied(case.start.u, tick)
-        assert c.library.lens_knots(c.memory) <= WINDOW.knots(case.python)
+        assert c.knots() <= WINDOW.knots(case.python)
 
 
 class Bent(UnitPressures):

@@ -83,7 +83,7 @@ def files(estimator: Estimator, window: Window) -> dict[str, str]:
         "estimator_sizes.h": c_text.guard("estimator_sizes.h", f'#include "sizes.h"\n\n{sizes}'),
         "estimator_data.h": c_text.guard("estimator_data.h", header),
         "estimator_data.c": '#include "estimator_data.h"\n\n' + "".join(data.defined),
-        **sources("estimator_model", [tips(estimator.model)]),
+        **sources("model_sensors", [tips(estimator.model)]),
     }
 
 

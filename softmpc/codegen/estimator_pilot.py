@@ -6,14 +6,20 @@ change their states at the same tick.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from softmpc.codegen import c_text, estimator_data
+from softmpc.codegen.directory import c_source
 from softmpc.codegen.estimator_data import Window
+from softmpc.codegen.generate import Generated, generate_controller
+from softmpc.control.closed_loop import Start
 from softmpc.estimation.sensors import TICK
 from softmpc.rig.pilot import DOUBTFUL, Pilot
+from softmpc.rig.rigging import Rig
 
-__all__ = ["SOURCES", "files", "window_of"]
+__all__ = ["files", "generate_pilot", "window_of"]
 
 SOURCES = (
     "estimator.h", "estimator_parts.h", "supervision.h", "pilot.h", "estimator.c",
@@ -32,11 +38,12 @@ def window_of(pilot: Pilot, late: float | None = None) -> Window:
 
 
 def files(pilot: Pilot, late: float | None = None) -> dict[str, str]:
-    """Names and texts of the generated files of a pilot, beside those of its MPC and `SOURCES`.
+    """Names and texts of all files of a pilot beside those of its MPC.
 
     `late` is as in `window_of`. Raises `InputError` where a sensor cannot be written as C.
     """
-    found = estimator_data.files(pilot.estimator, window_of(pilot, late))
+    found = {name: c_source(name) for name in SOURCES}
+    found |= estimator_data.files(pilot.estimator, window_of(pilot, late))
     found["supervision_sizes.h"] = c_text.guard("supervision_sizes.h", _sizes(pilot))
     arrays = _arrays(pilot)
     lines = "".join(c_text.declaration(name, len(values), kind) for name, values, kind in arrays)
@@ -45,6 +52,20 @@ def files(pilot: Pilot, late: float | None = None) -> dict[str, str]:
         c_text.array(*one) for one in arrays
     )
     return found
+
+
+def generate_pilot(
+    rig: Rig, out: str | os.PathLike[str], *, late: float | None = None,
+    more: Mapping[str, str] | None = None, **options: Any,
+) -> Generated:  # fmt: skip
+    """Write the whole controller of a rig into the folder `out`: MPC, estimator, supervision.
+
+    `late` is as in `window_of`, `more` and `options` as in `generate_controller`.
+    """
+    setup = rig.setup
+    start = Start(rig.seen(setup.start.x, setup.start.u), setup.start.u)
+    beside = files(rig.pilot, late) | dict(more or {})
+    return generate_controller(setup.controller, out, start=start, more=beside, **options)
 
 
 def _sizes(pilot: Pilot) -> str:
@@ -63,28 +84,32 @@ def _sizes(pilot: Pilot) -> str:
     return "".join(c_text.define(*one) for one in values)
 
 
-def _arrays(pilot: Pilot) -> list[tuple[str, list, str]]:
+def _arrays(pilot: Pilot) -> list[tuple[str, list[float], str]]:
     s, sensors = pilot.supervisor.settings, pilot.estimator.sensors
     usual = [sensor.period * TICK + sensor.latency for sensor in sensors]
     blind = [
-        _first(lambda t, usual=own: t * TICK - usual > s.blind_after) if i in pilot._tips else NEVER
-        for i, own in enumerate(usual)
+        _silent(own, s.blind_after) if i in pilot._tips else NEVER for i, own in enumerate(usual)
     ]
-    silent = [_first(lambda t, usual=own: t * TICK - usual > s.silent_after) for own in usual]
+    silent = [_silent(own, s.silent_after) for own in usual]
     most = pilot._scale * pilot.mpc.ocp.step / s.ramp
     return [
         ("smpc_blind_after", blind, "int"),
         ("smpc_silent_after", silent, "int"),
-        ("smpc_ramp", list(most), "smpc_real"),
+        ("smpc_ramp", most.tolist(), "smpc_real"),
     ]
 
 
+def _silent(usual: float, limit: float) -> int:
+    """The age (ticks) of a good reading at which a sensor counts as silent."""
+    return _first(lambda t: t * TICK - usual > limit)
+
+
 def _first(holds: Callable[[int], bool]) -> int:
-    """The first tick at which a condition holds, which holds ever after; at most some hours."""
-    low, high = 0, 1
-    while high < NEVER // 2 and not holds(high):
+    """The first tick at which something holds that holds ever after."""
+    low, high = -1, 1
+    while not holds(high):
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if holds(middle) else (middle, high)
-    return 0 if holds(0) else high
+    return high

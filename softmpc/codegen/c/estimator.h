@@ -192,6 +192,19 @@ int32_t smpc_estimator_contradicted(const smpc_estimator *e);
 /* Readings of a sensor that did not count for an smpc_reason. */
 int32_t smpc_estimator_left_out(const smpc_estimator *e, int sensor, int reason);
 
+/* For those who cannot read the struct: bytes of an estimator and of a sample; state, disturbance
+ * and covariance (scaled, SMPC_FILTERED^2) of e->now or e->ahead; the tick of a sensor's last reading
+ * that counted; of knot i (the oldest is 0) its tick, and for each sensor the normalised square of
+ * its innovation, below 0 where it has none, and whether it was rejected: 0 where there is no such
+ * knot. */
+unsigned long smpc_estimator_memory(void);
+unsigned long smpc_sample_memory(void);
+void smpc_estimator_seen(
+    const smpc_estimator *e, int ahead, smpc_real *x, smpc_real *d, smpc_real *P);
+int32_t smpc_estimator_good(const smpc_estimator *e, int sensor);
+int smpc_estimator_judged(
+    const smpc_estimator *e, int i, int32_t *tick, smpc_real *nis, int *rejected);
+
 /* "not finite", ...: never NULL. */
 const char *smpc_reason_name(int reason);
 const char *smpc_trouble_name(int trouble);

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "estimator_model.h"
+#include "model_sensors.h"
 
 enum { nx = SMPC_FILTER_X, all = SMPC_FILTERED, n = SMPC_STRAINS };
 
@@ -80,6 +80,40 @@ int32_t smpc_estimator_left_out(const smpc_estimator *e, int sensor, int reason)
     for (int i = 0; reason == SMPC_TOO_FAR && i < e->count; i++)
         found += e->knots[(e->first + i) % SMPC_KNOTS].rejected[sensor];
     return found;
+}
+
+unsigned long smpc_estimator_memory(void)
+{
+    return (unsigned long)sizeof(smpc_estimator);
+}
+
+unsigned long smpc_sample_memory(void)
+{
+    return (unsigned long)sizeof(smpc_sample);
+}
+
+void smpc_estimator_seen(
+    const smpc_estimator *e, int ahead, smpc_real *x, smpc_real *d, smpc_real *P)
+{
+    const smpc_belief *of = ahead ? &e->ahead : &e->now;
+    smpc_belief_state(of, x, d);
+    memcpy(P, of->P, sizeof of->P);
+}
+
+int32_t smpc_estimator_good(const smpc_estimator *e, int sensor)
+{
+    return e->now.trust.good[sensor];
+}
+
+int smpc_estimator_judged(
+    const smpc_estimator *e, int i, int32_t *tick, smpc_real *nis, int *rejected)
+{
+    if (i < 0 || i >= e->count) return 0;
+    const smpc_knot *k = &e->knots[(e->first + i) % SMPC_KNOTS];
+    *tick = k->tick;
+    memcpy(nis, k->nis, sizeof k->nis);
+    for (int sensor = 0; sensor < SMPC_SENSORS; sensor++) rejected[sensor] = k->rejected[sensor];
+    return 1;
 }
 
 /* ---------------------------------------------------------------- in words */

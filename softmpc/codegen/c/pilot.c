@@ -18,6 +18,24 @@ unsigned long smpc_pilot_memory(void)
     return (unsigned long)sizeof(smpc_pilot);
 }
 
+smpc_controller *smpc_pilot_controller(smpc_pilot *p) { return &p->controller; }
+
+smpc_estimator *smpc_pilot_estimator(smpc_pilot *p) { return &p->estimator; }
+
+smpc_supervisor *smpc_pilot_supervisor(smpc_pilot *p) { return &p->supervisor; }
+
+const smpc_act *smpc_pilot_last(const smpc_pilot *p) { return &p->act; }
+
+double smpc_pilot_estimate_seconds(const smpc_pilot *p) { return p->act.estimate_seconds; }
+
+void smpc_pilot_set_clock(smpc_pilot *p, double (*clock)(void *), void *with)
+{
+    p->clock = clock;
+    p->clock_with = with;
+}
+
+static double now(const smpc_pilot *p) { return p->clock ? p->clock(p->clock_with) : 0; }
+
 int smpc_pilot_init(smpc_pilot *p, const smpc_real *x, const smpc_real *u, int32_t tick)
 {
     const int trouble = smpc_estimator_reset(&p->estimator, x, u, tick);
@@ -30,6 +48,7 @@ int smpc_pilot_init(smpc_pilot *p, const smpc_real *x, const smpc_real *u, int32
     memcpy(p->holding, u, sizeof p->holding);
     p->pending_count = p->failed_steps = p->holds = 0;
     p->problem = SMPC_SOLVED;
+    smpc_pilot_set_clock(p, NULL, NULL);
     return SMPC_NO_TROUBLE;
 }
 
@@ -181,7 +200,9 @@ int smpc_pilot_step(
     memset(&p->act, 0, sizeof p->act);
     if (smpc_all_finite(rest, nx)) memcpy(p->rest, rest, sizeof p->rest);
     if (smpc_all_finite(holding, inputs)) memcpy(p->holding, holding, sizeof p->holding);
+    const double began = now(p);
     const smpc_belief *belief = expected(p, tick, samples, count);
+    p->act.estimate_seconds = now(p) - began;
     p->act.tip_spread = smpc_tip_spread(&p->estimator, belief);
     look(p, tick, &wrong);
     p->act.state = smpc_supervisor_update(&p->supervisor, tick, wrong.found, wrong.count);

@@ -29,6 +29,7 @@ typedef struct {
     int status;      /* its smpc_status, where it was */
     int trouble;     /* an smpc_trouble of the estimator, which then began anew */
     real tip_spread; /* m, standard deviation of the tip when the input will act */
+    double estimate_seconds; /* by the clock that was given, 0 without */
 } smpc_act;
 
 typedef struct {
@@ -46,12 +47,15 @@ typedef struct {
     real rest[SMPC_NX], holding[SMPC_INPUTS]; /* where the reference is: the last that were given */
     real x[SMPC_NX], d[SMPC_FILTERED - SMPC_NX + 1]; /* expected when the input will act */
     real references[SMPC_SIZE(SMPC_N * SMPC_NR)];
+    double (*clock)(void *);
+    void *clock_with;
 } smpc_pilot;
 
 /* Bytes of an smpc_pilot. */
 unsigned long smpc_pilot_memory(void);
 
-/* Begin at a state (SMPC_NX) and an input (SMPC_INPUTS). 0, or an smpc_trouble: nothing is begun. */
+/* Begin at a state (SMPC_NX) and an input (SMPC_INPUTS). 0, or an smpc_trouble: nothing is begun.
+ * Limits, clocks and the cap of p->controller are set after it. */
 int smpc_pilot_init(smpc_pilot *p, const smpc_real *x, const smpc_real *u, int32_t tick);
 
 /* Take what has arrived, without an input: the last one is held. */
@@ -65,6 +69,16 @@ void smpc_pilot_listen(smpc_pilot *p, int32_t tick, const smpc_sample *samples, 
 int smpc_pilot_step(
     smpc_pilot *p, int32_t tick, const smpc_sample *samples, int count,
     const smpc_real *references, const smpc_real *rest, const smpc_real *holding, smpc_real *u);
+
+/* A clock in seconds, for smpc_act.estimate_seconds; that of a budget is smpc_set_clock's. */
+void smpc_pilot_set_clock(smpc_pilot *p, double (*clock)(void *), void *with);
+
+/* For those who cannot read the struct: its parts, and what the last step was like. */
+smpc_controller *smpc_pilot_controller(smpc_pilot *p);
+smpc_estimator *smpc_pilot_estimator(smpc_pilot *p);
+smpc_supervisor *smpc_pilot_supervisor(smpc_pilot *p);
+const smpc_act *smpc_pilot_last(const smpc_pilot *p);
+double smpc_pilot_estimate_seconds(const smpc_pilot *p);
 
 #ifdef __cplusplus
 }

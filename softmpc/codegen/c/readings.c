@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#include "estimator_model.h"
+#include "model_sensors.h"
 #include "linear.h"
 
 enum { all = SMPC_FILTERED, n = SMPC_STRAINS };

@@ -61,6 +61,13 @@ int smpc_supervisor_update(
     return go(s, tick, allowed, worst, 0);
 }
 
+uint32_t smpc_supervisor_changes(const smpc_supervisor *s) { return s->changes; }
+
+const smpc_transition *smpc_supervisor_change(const smpc_supervisor *s, uint32_t i)
+{
+    return i < s->changes && s->changes - i <= SMPC_LOG ? &s->log[i % SMPC_LOG] : NULL;
+}
+
 const char *smpc_state_name(int state)
 {
     static const char *const names[] = {"normal", "degraded", "fall back", "safe stop"};

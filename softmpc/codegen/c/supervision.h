@@ -61,6 +61,10 @@ void smpc_supervisor_reset(smpc_supervisor *s, int32_t tick);
 int smpc_supervisor_update(
     smpc_supervisor *s, int32_t tick, const smpc_condition *conditions, int count);
 
+/* How many changes there were, and number i of them, from 0; NULL where it is forgotten. */
+uint32_t smpc_supervisor_changes(const smpc_supervisor *s);
+const smpc_transition *smpc_supervisor_change(const smpc_supervisor *s, uint32_t i);
+
 /* "normal", ..., and "the estimator failed", ...: never NULL. */
 const char *smpc_state_name(int state);
 const char *smpc_cause_name(int cause);

@@ -1,0 +1,297 @@
+"""The pilot in C: the same loop as with the one in Python, fault by fault; and it never lets go."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softmpc.codegen.compiled_pilot import CompiledPilot
+from softmpc.codegen.estimator_pilot import LOG, files, generate_pilot
+from softmpc.codegen.generate import generate_controller
+from softmpc.control.closed_loop import Start
+from softmpc.control.tracking import read_track_file
+from softmpc.errors import InputError
+from softmpc.estimation.sensing import Sample
+from softmpc.rig.faults import (
+    Absent,
+    BudgetOverrun,
+    Fault,
+    Frozen,
+    Jitter,
+    NotANumber,
+    Scaled,
+    SolverCap,
+    Spike,
+    Stuck,
+)
+from softmpc.rig.result import RigResult
+from softmpc.rig.rigging import Rig, read_rig_file, rig_up
+from softmpc.rig.supervision import Condition, State, Supervision, Supervisor
+from tests.c_estimator import C_SOURCES, COMPILER, STRICT
+
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="needs gcc or clang")
+SCENE = """
+schema = 1
+[effects]
+gravity = [0.0, 0.0, 9.81]
+[track]
+path = "circle"
+center = [0.12, 0.0, 0.57]
+diameter = 0.06
+lap_time = 4.0
+laps = 2
+settle = 0.5
+[track.controller]
+horizon = 10
+torque_rate = 15.0
+back_off = 0.05
+[track.plant]
+tolerance = 1e-6
+scene = {effects = {payload = {mass = 0.1}}}
+[rig]
+wait = 0.25
+seed = 2
+command_delay = 0.005
+lost_commands = 0.02
+[rig.section_tips]
+latency = 0.010
+dropout = 0.05
+[rig.unit_pressures]
+[rig.supervision]
+blind_after = 0.15
+stop_after = 0.4
+"""
+FAULTS = (
+    NotANumber(0.30, 0.15), Frozen(0.70, 0.2, "unit_pressures"), Absent(1.20, 0.8),
+    Spike(2.40, 0.3, "section_tips", 0.2), Stuck(3.00, 0.3, (2, 5)), Scaled(3.50, 0.3),
+    Jitter(4.00, 0.4), BudgetOverrun(4.50, 0.3),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pilot")
+
+
+@pytest.fixture(scope="module")
+def rig(folder: Path) -> Rig:
+    path = folder / "rig.toml"
+    path.write_text(SCENE)
+    _, scene, task = read_track_file(path)
+    settings = read_rig_file(path)
+    assert settings is not None
+    return rig_up(scene, task, settings)
+
+
+@pytest.fixture(scope="module")
+def pilot(rig: Rig, folder: Path) -> CompiledPilot:
+    generate_pilot(rig, folder / "c")
+    return CompiledPilot(folder / "c", rig.pilot, flags=("-O0",))
+
+
+def flown(rig: Rig, faults: Sequence[Fault], duration: float) -> RigResult:
+    rig.machine.faults = tuple(faults)
+    changed = replace(rig, settings=replace(rig.settings, faults=tuple(faults)))
+    return changed.run(duration=duration)
+
+
+def check_same(python: RigResult, c: RigResult, torque: float = 1e-8) -> None:
+    """The same states at each step, for the same reasons; inputs and estimates beside."""
+    assert np.array_equal(python.state, c.state)
+    assert np.abs(python.track.u - c.track.u).max() < torque
+    assert np.abs(python.strains - c.strains).max() < torque
+    assert [one[:30] for one in python.transitions] == [one[:30] for one in c.transitions]
+    assert python.counts == c.counts
+    assert np.array_equal(python.innovation_time, c.innovation_time)
+    assert np.array_equal(python.accepted, c.accepted)
+    assert np.allclose(python.nis, c.nis, rtol=1e-5)
+
+
+def check_inputs(rig: Rig, u: np.ndarray, start: np.ndarray) -> None:
+    """Finite, within the limits of torque and torque rate."""
+    guard = rig.setup.controller.guard
+    assert np.all(np.isfinite(u)) and np.all(u >= guard.low) and np.all(u <= guard.high)
+    change = np.diff(np.vstack([start, u]), axis=0)
+    assert np.all(change >= guard.fall - 1e-12) and np.all(change <= guard.rise + 1e-12)
+
+
+# ---------------------------------------------------------------- in the loop
+
+
+def test_the_same_loop_with_every_fault(rig: Rig, pilot: CompiledPilot) -> None:
+    """Eight faults one after the other, a safe stop among what follows."""
+    python = flown(rig, FAULTS, 5.5)
+    c = flown(replace(rig, pilot=pilot), FAULTS, 5.5)
+    check_same(python, c)
+    assert set(c.state) == {0, 1, 2, 3}
+    said = " | ".join(c.transitions)
+    for words in ("no section_tips", "too long in fall-back", "contradict", "budget", "recovered"):
+        assert words in said, said
+    check_inputs(rig, c.track.u, c.track.u_start)
+    assert c.summary()["nis"].keys() == python.summary()["nis"].keys()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["figure_eight_rig", "circle_faults"])
+def test_the_same_loop_of_the_examples(name: str, tmp_path: Path) -> None:
+    """Whole, but for the cap of the solver: where no limit is near, C needs no iteration."""
+    path = Path(f"examples/{name}.toml")
+    _, scene, task = read_track_file(path)
+    settings = read_rig_file(path)
+    assert settings is not None
+    faults = tuple(one for one in settings.faults if not isinstance(one, SolverCap))
+    rig = rig_up(scene, task, settings)
+    generate_pilot(rig, tmp_path / "c")
+    python = flown(rig, faults, 8.0)
+    c = flown(replace(rig, pilot=CompiledPilot(tmp_path / "c", rig.pilot)), faults, 8.0)
+    check_same(python, c)
+    assert bool(faults) == bool(c.transitions)
+
+
+@pytest.mark.slow
+def test_the_loop_in_single_precision(rig: Rig, folder: Path, pilot: CompiledPilot) -> None:
+    """It tracks as well; the memory is half."""
+    single = CompiledPilot(folder / "c", rig.pilot, single=True, flags=("-O1",))
+    double, found = (flown(replace(rig, pilot=one), (), 4.0) for one in (pilot, single))
+    check_inputs(rig, found.track.u, found.track.u_start)
+    errors = [one.summary()["rms_error_mm"] for one in (double, found)]
+    assert abs(errors[1] - errors[0]) < 0.1 * errors[0]
+    sizes = [int(one.library.smpc_pilot_memory()) for one in (pilot, single)]
+    assert 0.49 < sizes[1] / sizes[0] < 0.55
+
+
+# ---------------------------------------------------------------- what goes wrong
+
+
+def test_nothing_but_usable_inputs_comes_out(rig: Rig, pilot: CompiledPilot) -> None:
+    """Whatever readings, references, places of rest and holding inputs it is given."""
+    random, start = np.random.default_rng(8), rig.setup.start
+    pilot.reset(rig.seen(start.x, start.u), start.u)
+    bad = np.array([np.nan, np.inf, -np.inf, 1e300, -1e12, 5e-324, 0.0, 0.3])
+    found = []
+    for k in range(120):
+        tick = 25 * k + int(random.integers(-30, 30)) * (k % 9 == 8)
+        told = [
+            random.choice(bad, one.shape) if random.random() < 0.2 else one
+            for one in pilot._told(25 * k)
+        ]
+        told = [pilot.mpc._given(one) for one in told]
+        stamps = [tick, tick - 10, -(2**31), 2**31 - 1]
+        samples = [
+            Sample(int(random.integers(2)), int(random.choice(stamps)), 0, random.choice(bad, 6))
+            for _ in range(3)
+        ]
+        u = pilot.mpc._given(np.full(6, np.nan))
+        pilot.library.smpc_pilot_step(pilot._at, tick, *pilot._samples(samples), *told, u)
+        found.append(u.array.copy())
+    check_inputs(rig, np.array(found), start.u)
+    assert State.SAFE_STOP in {one.after for one in pilot.supervisor.log}
+
+
+def test_after_a_long_pause_it_begins_anew(rig: Rig, pilot: CompiledPilot) -> None:
+    """The estimator does not move over a gap of more than a second: a fall-back, and back."""
+    start = rig.setup.start
+    pilot.reset(rig.seen(start.x, start.u), start.u)
+    rig.machine.faults = ()
+    states = []
+    rig.machine.reset(start.x, start.u)
+    for k in range(12):
+        tick = 25 * k + 2000 * (k > 1)
+        samples = [replace(one, stamp=one.stamp + 2000 * (k > 1)) for one in rig.machine.arrived()]
+        act = pilot.step(tick, samples if k != 2 else [])
+        states.append(act.state)
+        rig.machine.command(act.u)
+        rig.machine.run(25)
+    assert states[:3] == [State.NORMAL, State.NORMAL, State.FALL_BACK]
+    assert states[-1] == State.NORMAL
+    assert "the estimator failed: too long" in pilot.supervisor.log[0].cause
+
+
+def test_what_is_refused(rig: Rig, pilot: CompiledPilot, folder: Path) -> None:
+    start = rig.setup.start
+    with pytest.raises(InputError, match="finite"):
+        pilot.reset(np.nan * start.x, start.u)
+    alone = Start(rig.seen(start.x, start.u), start.u)
+    generate_controller(rig.setup.controller, folder / "alone", start=alone)
+    with pytest.raises(InputError, match="no pilot"):
+        CompiledPilot(folder / "alone", rig.pilot)
+    usual, rig.pilot.delay = rig.pilot.delay, 17
+    with pytest.raises(InputError, match=r"supervision_sizes\.h is that of another rig"):
+        CompiledPilot(folder / "c", rig.pilot)
+    rig.pilot.delay = usual
+
+
+# ---------------------------------------------------------------- supervision, alone
+
+
+class CCondition(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_int) for name in ("state", "cause", "detail")]
+
+
+def supervision(folder: Path, rig: Rig, settings: Supervision) -> ctypes.CDLL:
+    """A library of the state machine with these settings."""
+    usual, rig.pilot.supervisor.settings = rig.pilot.supervisor.settings, settings
+    try:
+        (folder / "supervision_sizes.h").write_text(files(rig.pilot)["supervision_sizes.h"])
+    finally:
+        rig.pilot.supervisor.settings = usual
+    source, library = C_SOURCES / "supervision.c", folder / "s.so"
+    command = [str(COMPILER), *STRICT, "-shared", "-fPIC", f"-I{folder}", str(source)]
+    subprocess.run([*command, "-o", str(library)], check=True)
+    return ctypes.CDLL(str(library))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [Supervision(), Supervision(resume=False, stop_after=0.3), Supervision(recover_after=0.07)],
+)
+def test_the_same_states_for_any_conditions(
+    settings: Supervision, rig: Rig, tmp_path: Path
+) -> None:
+    """Tick by tick over random conditions, at steps of any length."""
+    library, random = supervision(tmp_path, rig, settings), np.random.default_rng(3)
+    python, memory, tick = Supervisor(settings), ctypes.create_string_buffer(4096), 0
+    library.smpc_supervisor_reset(memory, 0)
+    for k in range(4000):
+        likely = 0.5 if k // 50 % 3 else 0.02
+        wrong = [s for s in (1, 2, 1) if random.random() < likely]
+        given = (CCondition * 4)(*(CCondition(s, 7 - i, i) for i, s in enumerate(wrong)))
+        state = library.smpc_supervisor_update(memory, tick, given, len(wrong))
+        found = python.update(tick, [Condition(State(s), str(i)) for i, s in enumerate(wrong)])
+        assert state == found
+        tick += int(random.integers(1, 40))
+        if k % 1000 == 999:
+            python.reset(tick)
+            library.smpc_supervisor_reset(memory, tick)
+    assert library.smpc_supervisor_changes(memory) == len(python.log)
+
+
+def test_names_of_states_and_causes(pilot: CompiledPilot) -> None:
+    library = pilot.library
+    library.smpc_state_name.restype = ctypes.c_char_p
+    said = [library.smpc_state_name(int(state)).decode() for state in State]
+    assert said == [str(state) for state in State]
+    causes = [library.smpc_cause_name(i) for i in range(-1, 9)]
+    assert causes[0] == causes[-1] == b"unknown" and len(set(causes)) == 9
+    assert LOG >= 8
+
+
+@pytest.mark.parametrize("name", ["gcc", "clang"])
+def test_without_warnings(name: str, pilot: CompiledPilot, tmp_path: Path) -> None:
+    if shutil.which(name) is None:
+        pytest.skip(f"{name} is not installed")
+    for more in ((), ("-DSMPC_FLOAT",)):
+        for source in ("pilot.c", "supervision.c", "pilot_data.c"):
+            found = subprocess.run(
+                [name, *STRICT, *more, "-c", str(pilot.mpc.folder / source), "-o",
+                 str(tmp_path / "x.o")],
+                capture_output=True, text=True,
+            )  # fmt: skip
+            assert not found.returncode, found.stderr
