@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import tempfile
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from arms import PAPER, arm
 
-from softmpc.codegen.generate import generate_controller
+from softmpc.codegen import generate
 from softmpc.control.closed_loop import Start, start_at
 from softmpc.control.costs import StrainRate, TipPosition, Torque, TorqueRate
 from softmpc.control.limits import PressureLimit, StrainLimit, TorqueLimit, TorqueRateLimit
@@ -26,7 +27,9 @@ from softmpc.model.scene import Scene
 from softmpc.simulation.runge_kutta import RadauIIA
 from softmpc.statics.equilibrium import find_equilibrium, pressures_from_torques
 
-C = Path(__file__).parent / "codegen_c"
+BOARD = Path(generate.__file__).parent / "c" / "board"
+REPLAY = BOARD / "steps.c", BOARD / "linux_main.c"  # recorded steps from standard input
+FUZZ = (Path(__file__).parent / "codegen_c" / "fuzz.c",)
 COMPILERS = ("gcc", "clang")
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -77,57 +80,61 @@ def home() -> np.ndarray:
 def folder(iterations: int = 1000) -> Path:
     """The generated directory; those of one process share it."""
     made = Path(tempfile.mkdtemp(prefix="codegen-", dir=_scratch())) / "controller"
-    generate_controller(controller(), made, start=start(), iterations=iterations)
+    generate.generate_controller(controller(), made, start=start(), iterations=iterations)
     return made
 
 
 @cache
 def _scratch() -> str:
     """Where conftest.py tidies up."""
-    import os
-
     os.makedirs(os.environ["SOFTMPC_CACHE"], exist_ok=True)
     return os.environ["SOFTMPC_CACHE"]
 
 
-def controller_sources(directory: Path) -> list[Path]:
+def sources(directory: Path) -> list[Path]:
+    """C files of the controller, without programs that use it."""
     return sorted(directory.glob("*.c"))
 
 
-def own_sources(directory: Path) -> list[Path]:
-    """Neither written by CasADi nor by the authors of DAQP."""
-    return [
-        path
-        for path in controller_sources(directory)
-        if not path.name.startswith(("model_", "daqp"))
-    ]
+def is_own(source: Path) -> bool:
+    """Whether neither CasADi nor the authors of DAQP wrote it."""
+    return not source.name.startswith(("model_", "daqp"))
 
 
 def compile_objects(
-    directory: Path, into: Path, flags: Sequence[str], cc: str = "gcc"
+    files: Sequence[Path], into: Path, flags: Sequence[str], cc: str = "gcc"
 ) -> list[Path]:
-    """Object files of the controller."""
+    """An object file of each."""
     into.mkdir(parents=True, exist_ok=True)
     found = []
-    for source in controller_sources(directory):
+    for source in files:
         found.append(into / f"{source.stem}.o")
-        run([cc, "-std=c99", *flags, "-c", str(source), "-o", str(found[-1])])
+        place = [f"-I{source.parent}", "-o", str(found[-1])]
+        run([cc, "-std=c99", *flags, "-c", str(source), *place])
     return found
 
 
-def program(directory: Path, name: str, into: Path, flags: Sequence[str], cc: str = "gcc") -> Path:
-    """`codegen_c/name.c` with the controller, compiled with the same flags."""
-    objects = compile_objects(directory, into, flags, cc)
-    made = into / name
-    words = [cc, "-std=c99", *flags, f"-I{directory}", str(C / f"{name}.c"), *map(str, objects)]
-    run([*words, "-o", str(made), "-lm"])
+def program(
+    directory: Path,
+    files: Sequence[Path],
+    into: Path,
+    flags: Sequence[str],
+    controller: Sequence[Path] = (),
+    cc: str = "gcc",
+) -> Path:
+    """A program of these files and the controller: its objects, or else its sources."""
+    both = list(files) if controller else [*sources(directory), *files]
+    objects = [*controller, *compile_objects(both, into, [*flags, f"-I{directory}"], cc)]
+    made = into / "program"
+    run([cc, *flags, *map(str, objects), "-o", str(made), "-lm"])
     return made
 
 
-def run(words: Sequence[str], seconds: float = 300.0) -> str:
+def run(words: Sequence[str], given: bytes | None = None, seconds: float = 300.0) -> bytes:
     """What a command prints; fails with its complaint."""
-    done = subprocess.run(words, capture_output=True, text=True, timeout=seconds, check=False)
-    assert done.returncode == 0, f"{' '.join(words)}\n{done.stdout[-2000:]}{done.stderr[-4000:]}"
+    done = subprocess.run(words, input=given, capture_output=True, timeout=seconds, check=False)
+    said = (done.stdout[-2000:] + done.stderr[-4000:]).decode(errors="replace")
+    assert done.returncode == 0, f"{' '.join(words)} ended with {done.returncode}\n{said}"
     return done.stdout
 
 
