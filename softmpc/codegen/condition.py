@@ -2,7 +2,9 @@
 
 Rounding errors of a factorisation grow with the condition number. Scaled to a unit diagonal and
 with λ added to it, that is (largest + λ) / (smallest + λ) of its eigenvalues: the smallest λ that
-makes it `WORST` regularises the steps of the float build. It damps them, and so is bounded.
+makes it `WORST` regularises the steps of the float build. It makes steps shorter in the directions
+that cost least, by λ over their eigenvalue. Where a condition is beyond all digits of a float these
+are nothing but rounding, and float is refused.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from softmpc.control.trajectory import Moment, Trajectory
 __all__ = ["WORST", "Conditioning", "conditioning"]
 
 WORST = 1e5  # condition that leaves float two digits
-LARGEST = 1e-3  # λ that still leaves the steps what they are
+BEYOND = 1 / float(np.finfo(np.float32).eps)  # condition without regularisation that leaves none
 LEAST = 1e-6  # λ: a few roundings of a float
 
 Array = np.ndarray
@@ -38,14 +40,14 @@ def conditioning(solver: RealTime, states: list[tuple[Array, Array]]) -> Conditi
     condition = max(high / max(low, DAMPING) for low, high in spectra)
     needed = max((high - WORST * low) / (WORST - 1) for low, high in spectra)
     damping = max(needed, LEAST)
-    if damping <= LARGEST:
+    if condition <= BEYOND:
         return Conditioning(condition, damping)
     return Conditioning(
         condition,
         damping,
-        f"float is refused: the condensed Hessian has a condition of {condition:.1e}, and would "
-        f"need a regularisation of {damping:.1e} (at most {LARGEST:g}) for {WORST:g}; raise "
-        "torque_deviation or tip_deviation, use blocks or a shorter horizon, or build with double",
+        f"float is refused: the condensed Hessian has a condition of {condition:.1e}, and its "
+        f"digits end at {BEYOND:.1e}; lower torque_deviation, raise tip_deviation, use blocks or a "
+        "shorter horizon, or build with double",
     )
 
 
