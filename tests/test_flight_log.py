@@ -182,6 +182,17 @@ def test_a_record_that_does_not_fit_is_damage(whole: bytes, tmp_path: Path) -> N
     assert log.damage.endswith("too long")
 
 
+def test_nonsense_with_a_right_checksum_is_damage_or_a_record(whole: bytes, tmp_path: Path) -> None:
+    """Whatever stands in a payload: no error, and all before is read."""
+    random = np.random.default_rng(5)
+    for kind in range(8):
+        for _ in range(40):
+            payload = random.bytes(int(random.integers(0, 300)))
+            log = log_of(tmp_path / "a.log", whole + frame(kind, payload))  # type: ignore[arg-type]
+            assert len(log.steps) >= 12
+            assert bool(log.damage) == (len(log.events) == len(expected(RECORDS)) and not log.skipped)
+
+
 def at_step(data: bytes) -> bytes:
     """The first record of a step."""
     start, end = ends(data)[1:3]

@@ -388,6 +388,7 @@ def test_a_program_in_c_that_ran_out_of_time_does_so_again(tmp_path: Path) -> No
             u = recorded.feedback(x).u
     log = read_log(tmp_path / "a.log")
     assert [step.status for step in log.steps][2:4] == [LATE, LATE]
+    assert TIME_LIMIT in [step.qp for step in log.steps]
     found = compare(log, play(log, CPlayer(small.folder(), t, log)))
     assert found.agrees and found.same_bits == 6
 

@@ -128,14 +128,16 @@ def through_qemu(log: FlightLog, folder: Path) -> Replayed:
 
 @contextmanager
 def _with_board(folder: Path) -> Iterator[Path]:
-    """A copy of a generated folder with the board's program in it."""
+    """A generated folder with the board's program in it; a copy where it has none."""
+    if (folder / "board").is_dir():
+        yield folder
+        return
     board = resources.files("softmpc.codegen").joinpath("c", "board")
-    with tempfile.TemporaryDirectory(prefix="softmpc-board-") as scratch, resources.as_file(
-        board
-    ) as own:
+    with tempfile.TemporaryDirectory(prefix="softmpc-board-") as scratch:
         whole = Path(scratch) / "controller"
         shutil.copytree(folder, whole, ignore=shutil.ignore_patterns("build"))
-        shutil.copytree(own, whole / "board", dirs_exist_ok=True)
+        with resources.as_file(board) as own:
+            shutil.copytree(own, whole / "board")
         yield whole
 
 

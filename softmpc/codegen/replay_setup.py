@@ -65,7 +65,7 @@ class Replay:
             return
         with tempfile.TemporaryDirectory(prefix="softmpc-replay-") as scratch:
             folder = Path(scratch) / "controller"
-            generate(self.setup, folder)
+            generate(self.setup, folder, demo=False)
             yield folder
 
 
