@@ -35,12 +35,23 @@ STAGE = "checking the path", "place"
     "memory, and a step that needs more fails with status 'too many rows'.",
 )  # fmt: skip
 @click.option(
+    "--workspace", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="workspace.npz of `softmpc workspace SCENE`: the monitor then knows how far tip and "
+    "reference are from the edge of what is in reach.",
+)  # fmt: skip
+@click.option(
     "--footprint", "measured", is_flag=True,
     help="Compile for a Cortex-M7 with arm-none-eabi-gcc and print flash, RAM and stack.",
 )  # fmt: skip
 @answering("codegen")
 def command(
-    scene: Path, kind: str, iterations: int, max_rows: int | None, measured: bool, out: Path | None
+    scene: Path,
+    kind: str,
+    iterations: int,
+    max_rows: int | None,
+    workspace: Path | None,
+    measured: bool,
+    out: Path | None,
 ) -> Answer:
     """Write the controller of the table [track] of SCENE as C99 into the folder --out.
 
@@ -50,11 +61,13 @@ def command(
     if out is None:
         raise click.UsageError("codegen needs a folder to write to: give --out DIR")
     if kind != "nmpc":
-        return _baseline(scene, kind, out)
+        return _baseline(scene, kind, out, workspace)
     from softmpc.codegen.generate import generate_file
 
     with stages(*STAGE) as stage:
-        made = generate_file(scene, out, stage(*STAGE), iterations=iterations, max_rows=max_rows)
+        made = generate_file(
+            scene, out, stage(*STAGE), iterations=iterations, max_rows=max_rows, workspace=workspace
+        )
     data = _about(made)
     text = _text(data)
     if measured:
@@ -66,15 +79,17 @@ def command(
     return Answer(data, text)
 
 
-def _baseline(scene: Path, kind: str, out: Path) -> Answer:
+def _baseline(scene: Path, kind: str, out: Path, workspace: Path | None) -> Answer:
     from softmpc.codegen.baselines import generate_baseline
     from softmpc.control.tracking import read_track_file, ready, set_up
     from softmpc.errors import errors_in
+    from softmpc.statics.workspace_result import Workspace
 
+    space = None if workspace is None else Workspace.load(workspace)
     title, arm, task = read_track_file(scene)
     with stages(*STAGE) as stage, errors_in(scene):
         setup = ready(lambda report: set_up(arm, task, progress=report), stage(*STAGE))
-        generate_baseline(setup, kind, out, title)
+        generate_baseline(setup, kind, out, title, space)
     data = {"folder": str(out), "controller": kind}
     return Answer(data, table([("controller", kind), ("folder", out), ("to run it", _run(out))]))
 

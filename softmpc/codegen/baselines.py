@@ -17,12 +17,14 @@ from softmpc.codegen.demonstration import demonstration
 from softmpc.codegen.directory import c_source, checked_folder, identity_of, write_folder
 from softmpc.codegen.directory_readme import directory_readme
 from softmpc.codegen.model_functions import Wrapped, in_rows, sources
+from softmpc.codegen.monitor_data import monitor_files
 from softmpc.codegen.reference import steps_of
 from softmpc.control.baselines import Regulated, StaticsTable
 from softmpc.control.mpc import RESTART_AFTER
 from softmpc.control.tracking import Setup
 from softmpc.errors import InputError, unknown_name
 from softmpc.model.model import Model
+from softmpc.statics.workspace_result import Workspace
 
 __all__ = ["BASELINES", "baseline_files", "generate_baseline", "told_of"]
 
@@ -35,12 +37,13 @@ SHARED = (
 
 
 def generate_baseline(
-    setup: Setup, kind: str, out: str | os.PathLike[str], title: str = ""
-) -> Baseline:
+    setup: Setup, kind: str, out: str | os.PathLike[str], title: str = "",
+    workspace: Workspace | None = None,
+) -> Baseline:  # fmt: skip
     """Write the controller "lqr" or "table" of a task into the folder `out`; returns it in Python.
 
-    Raises `InputError` for another kind, for a task along a plan, and where the folder holds
-    something else.
+    `workspace` is for the monitor, see `monitor_files`. Raises `InputError` for another kind, for a
+    task along a plan, and where the folder holds something else.
     """
     if kind not in BASELINES:
         raise InputError(unknown_name("controller", kind, BASELINES))
@@ -48,6 +51,9 @@ def generate_baseline(
     make = BASELINES[kind]
     baseline = make(setup.ocp, setup.guide)
     texts = baseline_files(baseline, kind)
+    told = {name: np.size(value) for name, value in baseline.told(0.0).items()}
+    back_off = setup.task.controller.back_off
+    texts |= monitor_files(baseline.ocp.model, told, back_off, workspace)
     texts |= demonstration(setup, told_of(baseline, steps_of(setup)), title)
     texts["README.md"] = directory_readme(setup.ocp.model, texts, title)
     write_folder(folder, texts)

@@ -21,6 +21,7 @@ from softmpc.codegen.demonstration import demonstration
 from softmpc.codegen.directory import c_source, checked_folder, identity_of, write_folder
 from softmpc.codegen.directory_readme import directory_readme
 from softmpc.codegen.model_functions import controller_functions, sources
+from softmpc.codegen.monitor_data import monitor_files
 from softmpc.codegen.reference import references_of
 from softmpc.codegen.sizes import sizes_header
 from softmpc.control.closed_loop import Start
@@ -28,6 +29,7 @@ from softmpc.control.mpc import Mpc
 from softmpc.control.real_time import RealTime
 from softmpc.control.tracking import Setup, read_track_file, ready, set_up
 from softmpc.errors import BuildError, InputError, errors_in
+from softmpc.statics.workspace_result import Workspace
 
 __all__ = ["Generated", "generate", "generate_controller", "generate_file"]
 
@@ -60,40 +62,48 @@ class Generated:
 def generate_file(
     path: str | os.PathLike[str], out: str | os.PathLike[str], progress: Progress | None = None, *,
     iterations: int = ITERATIONS, max_rows: int | None = None,
+    workspace: str | os.PathLike[str] | None = None,
 ) -> Generated:  # fmt: skip
-    """The controller of a scene file's table [track], see `generate`."""
+    """The controller of a scene file's table [track], see `generate`; `workspace` is a file."""
     title, scene, task = read_track_file(path)
+    space = None if workspace is None else Workspace.load(workspace)
     with errors_in(path):
         setup = ready(lambda report: set_up(scene, task, progress=report), progress)
-        return generate(setup, out, iterations=iterations, max_rows=max_rows, title=title)
+        return generate(
+            setup, out, iterations=iterations, max_rows=max_rows, title=title, workspace=space
+        )
 
 
 def generate(
     setup: Setup, out: str | os.PathLike[str], *, iterations: int = ITERATIONS,
     max_rows: int | None = None, title: str = "", demo: bool = True,
+    workspace: Workspace | None = None,
 ) -> Generated:  # fmt: skip
     """Write the controller of a tracking task into the folder `out`, see `generate_controller`.
 
     With `demo` there is a program that runs the task, and how to build it; `title` is its name.
+    With `workspace` the monitor knows how far tip and reference are from the edge of it.
     """
     more = demonstration(setup, references_of(setup), title) if demo else {}
     return generate_controller(
         setup.controller, out, start=_controller_start(setup), iterations=iterations,
-        max_rows=max_rows, more=more, title=title,
+        max_rows=max_rows, more=more, title=title, back_off=setup.task.controller.back_off,
+        workspace=workspace,
     )  # fmt: skip
 
 
 def generate_controller(
     mpc: Mpc, out: str | os.PathLike[str], *, start: Start, iterations: int = ITERATIONS,
     max_rows: int | None = None, more: Mapping[str, str] | None = None, title: str = "",
+    back_off: float = 0.0, workspace: Workspace | None = None,
 ) -> Generated:  # fmt: skip
     """Write a controller into the folder `out`, with a README where `more` says how to build it.
 
     `start` is a state of rest of its model, from which it is judged whether float is enough.
     `iterations` is the most that the quadratic program takes in a step, `max_rows` how many rows of
-    limits may be near or active at once (all of them by default), `more` are files beside. Raises
-    `BuildError` for a solver other than real-time iteration, `InputError` where the folder holds
-    something else.
+    limits may be near or active at once (all of them by default), `more` are files beside.
+    `back_off` and `workspace` are for the monitor, see `monitor_files`. Raises `BuildError` for a
+    solver other than real-time iteration, `InputError` where the folder holds something else.
     """
     if not 1 <= iterations <= 1_000_000:
         raise InputError(f"iterations = {iterations}: must be between 1 and 1,000,000")
@@ -104,6 +114,8 @@ def generate_controller(
     identity = identity_of(texts, CORE)
     worst = conditioning(solver, [(start.x, start.u)])
     texts["sizes.h"] = sizes_header(data, identity, iterations, worst)
+    told = mpc.transcription.objective.references
+    texts |= monitor_files(mpc.ocp.model, told, back_off, workspace)
     texts |= {**recorder_files.files(mpc), **(more or {})}
     made = tuple(sorted(texts))
     texts |= {name: c_source(name) for name in (*CORE, *DAQP)}
