@@ -219,7 +219,7 @@ def planted(folder: Path, before: str, statement: str) -> Path:
 @pytest.mark.parametrize(
     "before, statement, why",
     [
-        pytest.param(RECURSION, "u[0] = deeper(u[0]);", "recursion: deeper → deeper", id="itself"),
+        pytest.param(RECURSION, "u[0] = deeper(u[0]);", "recursion: deeper", id="itself"),
         pytest.param(
             "", "volatile char held[(int)x[0] + 8]; held[0] = 1;", "no fixed size", id="array"
         ),

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from softmpc.codegen.emulate import read_sizes
 from softmpc.codegen.stack_bound import read_code, read_frames
 from softmpc.codegen.targets import CORTEX_M7, PRECISIONS, build, flags_of, run_tool
 from softmpc.errors import BuildError, InputError, unknown_name
@@ -25,6 +26,9 @@ REGIONS = {"flash": "FLASH", "ram": "RAM", "stack": "STACK"}
 ENTRIES = ("smpc_init", "smpc_set_reference", "smpc_prepare", "smpc_feedback")
 ALLOCATORS = ("malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "_sbrk_r", "sbrk")
 BOARD, LIBRARY, MODEL, SOLVER, OWN = "board", "C library", "model", "DAQP", "controller"
+# DAQP moves a row of its working set forward by taking it out and in again, which may move the next
+# one. Its rows are in order then, so it goes no deeper than there are rows, one more than variables.
+REORDERING = "daqp_pivot_last"
 PREFIX = "arm-none-eabi-"
 
 _SECTION = re.compile(r"^ (\.\S+|COMMON)\s+0x([0-9a-f]+)\s+0x([0-9a-f]+) (.+)$", re.MULTILINE)
@@ -99,7 +103,9 @@ def _of(directory: Path, precision: str, scratch: Path, regions: dict[str, int])
     if "controller" not in symbols:
         raise BuildError(f"{directory}: board/steps.c has no variable `controller`")
     listing = program.tool("objdump", "-d", "--no-show-raw-insn")
-    code = read_code(listing, {n: a for n, (a, _) in symbols.items()}, read_frames(scratch))
+    addresses = {name: address for name, (address, _) in symbols.items()}
+    turns = {REORDERING: read_sizes(directory).get("MOVES", 0) + 2}
+    code = read_code(listing, addresses, read_frames(scratch), turns)
     deepest = {name: code.deepest(name) for name in (*ENTRIES, "smpc_reset")}
     whole = deepest.pop("smpc_reset")
     used = {

@@ -19,7 +19,7 @@ _HEADER = re.compile(r"^([0-9a-f]+) <(.+)>:$")
 _LINE = re.compile(r"^ +([0-9a-f]+):\t(\S+)(?:\t([^;@]*))?")
 _AWAY = re.compile(r"^(?:bx?|blx?)(?:eq|ne|cs|cc|mi|pl|vs|vc|hi|ls|ge|lt|gt|le|al)?(?:\.[nw])?$")
 _REGISTERS = re.compile(r"\b([a-z]+)(\d*)(?:-[a-z]+(\d+))?")
-PADDING = (("nop", ""), ("movs", "r0, r0"))
+PADDING = (("nop", ""), ("nop.w", ""), ("movs", "r0, r0"))
 _END = re.compile(r"^(?:b(?:\.[nw])?|bx(?:\.n)?|udf.*|\.word|\.short)$")
 
 
@@ -41,23 +41,28 @@ class Deepest:
 
     bytes: int | None
     path: tuple[str, ...]  # functions from the first to the last
-    indirect: tuple[str, ...]  # those on any path that call by pointer: not counted
+    indirect: tuple[str, ...] = ()  # those on any path that call by pointer: not counted
     why: str = ""  # there is no bound
 
 
 class Code:
-    """All functions of a program, by name and by address."""
+    """All functions of a program, by name and by address.
 
-    def __init__(self, functions: Iterable[Function], names: dict[str, int]) -> None:
+    `turns` says of a function that calls itself, or those that call it, how often it does at most.
+    """
+
+    def __init__(
+        self, functions: Iterable[Function], names: dict[str, int], turns: dict[str, int]
+    ) -> None:
         self.functions = {f.first: f for f in functions}
-        self.names = names
-        order = sorted(self.functions)
-        self._after = dict(pairwise(order))
+        self.names, self.turns = names, turns
+        self._after = dict(pairwise(sorted(self.functions)))
         self._found: dict[int, Deepest] = {}
+        self._all: dict[int, set[int]] = {}
 
     def deepest(self, name: str) -> Deepest:
         """The deepest stack when `name` is called, its own frame included."""
-        return self._deepest(self.names[name], ())
+        return self._deepest(self.names[name])
 
     def callers(self, wanted: Callable[[str], bool]) -> list[str]:
         """Names of the functions that call one whose name is wanted, but for the compiler's own."""
@@ -65,42 +70,62 @@ class Code:
         found = {f.name for f in self.functions.values() if f.calls & called}
         return sorted(name for name in found if not name.startswith("__aeabi_"))
 
-    def _deepest(self, first: int, above: tuple[int, ...]) -> Deepest:
-        if first in above:
-            around = " → ".join(
-                self.functions[f].name for f in (*above[above.index(first) :], first)
-            )
-            return Deepest(None, (), (), f"recursion: {around}")
-        if first in self._found:
-            return self._found[first]
-        here = self.functions[first]
-        below = [self._deepest(call, (*above, first)) for call in sorted(self._reached(here))]
-        pointers = {name for deep in below for name in deep.indirect}
-        indirect = tuple(sorted(pointers | ({here.name} if here.indirect else set())))
-        why = "" if here.frame is not None else f"{here.name} takes a stack of no fixed size"
-        why = next((deep.why for deep in below if deep.why), why)
-        if why:
-            found = Deepest(None, (), indirect, why)
-        else:
-            most = max(below, key=lambda deep: deep.bytes or 0, default=Deepest(0, (), ()))
-            found = Deepest(
-                (here.frame or 0) + (most.bytes or 0), (here.name, *most.path), indirect
-            )
-        self._found[first] = found
-        return found
+    def _deepest(self, first: int) -> Deepest:
+        if first not in self._found:
+            ring = [f for f in self._below(first) if first in self._below(f)] or [first]
+            below = {call for f in ring for call in self._called(f)} - set(ring)
+            deeper = [self._deepest(call) for call in sorted(below)]
+            own = self._together([self.functions[f] for f in ring], first)
+            why = next((deep.why for deep in (own, *deeper) if deep.why), "")
+            indirect = tuple(sorted({name for deep in (own, *deeper) for name in deep.indirect}))
+            most = max(deeper, key=lambda deep: deep.bytes or 0, default=Deepest(0, ()))
+            depth = None if why else (own.bytes or 0) + (most.bytes or 0)
+            path = () if why else own.path + most.path
+            self._found[first] = Deepest(depth, path, indirect, why)
+        return self._found[first]
 
-    def _reached(self, here: Function) -> set[int]:
+    def _together(self, ring: list[Function], first: int) -> Deepest:
+        """A function, or several that call each other."""
+        names = sorted(f.name for f in ring)
+        indirect = tuple(f.name for f in ring if f.indirect)
+        loose = [f.name for f in ring if f.frame is None]
+        if loose:
+            return Deepest(None, (), indirect, f"{loose[0]} takes a stack of no fixed size")
+        frames, path = sum(f.frame or 0 for f in ring), (self.functions[first].name,)
+        if first not in self._below(first):
+            return Deepest(frames, path, indirect)
+        turns = next((self.turns[name] for name in names if name in self.turns), 0)
+        if not turns:
+            return Deepest(None, (), indirect, f"recursion: {', '.join(names)}")
+        return Deepest(turns * frames, (f"{turns} x ({', '.join(names)})",), indirect)
+
+    def _called(self, first: int) -> set[int]:
         """First addresses of the functions that it calls, jumps or falls into."""
-        reached = {call for call in here.calls if call in self.functions}
-        if here.falls and here.first in self._after:
-            reached.add(self._after[here.first])
-        return reached - {here.first} if here.first not in here.calls else reached
+        here = self.functions[first]
+        called = {call for call in here.calls if call in self.functions}
+        return called | ({self._after[first]} if here.falls and first in self._after else set())
+
+    def _below(self, first: int) -> set[int]:
+        """All that it may reach; itself only where it calls itself."""
+        if first not in self._all:
+            found, left = set(), self._called(first)
+            while left:
+                found |= left
+                left = {call for f in left for call in self._called(f)} - found
+            self._all[first] = found
+        return self._all[first]
 
 
-def read_code(listing: str, symbols: dict[str, int], frames: dict[str, int | None]) -> Code:
+def read_code(
+    listing: str,
+    symbols: dict[str, int],
+    frames: dict[str, int | None],
+    turns: dict[str, int] | None = None,
+) -> Code:
     """The functions of `objdump -d --no-show-raw-insn`; `symbols` has addresses of all names.
 
-    `frames` of those functions that a compiler has measured, None where no constant bounds them.
+    `frames` of those functions that a compiler has measured, None where no constant bounds them;
+    `turns` as for `Code`.
     """
     functions: list[Function] = []
     bodies: list[list[tuple[int, str, str]]] = []
@@ -116,7 +141,7 @@ def read_code(listing: str, symbols: dict[str, int], frames: dict[str, int | Non
         plain = re.sub(r"\.(?:constprop|isra|part|cold)\b.*", "", function.name)
         measured = frames.get(function.name, frames.get(plain, -1))
         function.frame = function.frame if measured == -1 else measured
-    return Code(functions, symbols)
+    return Code(functions, symbols, turns or {})
 
 
 def _owners(

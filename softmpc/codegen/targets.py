@@ -29,7 +29,8 @@ _TELLING = re.compile(r"error: (?!ld returned)|undefined reference|overflowed")
 PRECISIONS = ("double", "float")
 COMPILE_SECONDS = 300.0
 COMMON = (
-    "-std=c99", "-O2", "-ffp-contract=off", "-ffunction-sections", "-fdata-sections",
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-ffunction-sections",
+    "-fdata-sections",
 )  # fmt: skip
 # Constants without a suffix would make arithmetic of floats one of doubles.
 SINGLE = ("-DSMPC_FLOAT", "-fsingle-precision-constant")
