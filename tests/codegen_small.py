@@ -79,13 +79,13 @@ def home() -> np.ndarray:
 @cache
 def folder(iterations: int = 1000) -> Path:
     """The generated directory; those of one process share it."""
-    made = Path(tempfile.mkdtemp(prefix="codegen-", dir=_scratch())) / "controller"
+    made = Path(tempfile.mkdtemp(prefix="codegen-", dir=scratch())) / "controller"
     generate.generate_controller(controller(), made, start=start(), iterations=iterations)
     return made
 
 
 @cache
-def _scratch() -> str:
+def scratch() -> str:
     """Where conftest.py tidies up."""
     os.makedirs(os.environ["SOFTMPC_CACHE"], exist_ok=True)
     return os.environ["SOFTMPC_CACHE"]
