@@ -25,6 +25,7 @@ ABOUT = (
     ("estimator*", r"estimator.*", "the state from what sensors read"),
     ("pilot*", r"pilot.*", "estimator, supervision and controller in one"),
     ("recorder*", r"recorder.*", "the flight recorder, for `softmpc replay`"),
+    ("arm/", r"arm/.*", "equations of the arm in SI, see `arm/arm.h`; the controller needs none"),
     ("daqp/", r"daqp/.*", "DAQP, the solver of quadratic programs, as its authors wrote it"),
     ("demo/main.c", r"demo/main\.c", "the program `run`: the scene's path on a simulated plant"),
     ("demo/plant*", r"demo/plant.*", "that plant; always in double"),

@@ -4,6 +4,7 @@ c/        C99 that every controller shares, copied as it is
 sizes.h   sizes, sample time, tolerances, hash of the scene and version
 data.*    constants of the problem
 model.*   functions of the arm, its costs and its limits, written by CasADi
+arm/      equations of the arm, for programs of one's own
 demo/     a program that runs the scene's path on its plant
 """
 
@@ -15,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from softmpc.codegen import recorder_files
+from softmpc.codegen.arm_functions import arm_files
 from softmpc.codegen.condition import Conditioning, conditioning
 from softmpc.codegen.data import ControllerData
 from softmpc.codegen.demonstration import demonstration
@@ -84,7 +86,9 @@ def generate(
     With `demo` there is a program that runs the task, and how to build it; `title` is its name.
     With `workspace` the monitor knows how far tip and reference are from the edge of it.
     """
-    more = demonstration(setup, references_of(setup), title) if demo else {}
+    more = arm_files(setup.ocp.model)
+    if demo:
+        more |= demonstration(setup, references_of(setup), title)
     return generate_controller(
         setup.controller, out, start=_controller_start(setup), iterations=iterations,
         max_rows=max_rows, more=more, title=title, back_off=setup.task.controller.back_off,
