@@ -51,7 +51,7 @@ def header(real_bytes: int = 8, writer: str = "C") -> Header:
 
 
 def step(number: int, random: np.random.Generator, before: StepRecord | None = None) -> StepRecord:
-    """Some step; its references and input go on from the step `before` in all ways that there are."""
+    """Some step; references and input go on from the step `before` in all ways that there are."""
     given = random.normal(size=(N, NR))
     u_before = random.normal(size=K)
     if before is not None and number % 3:
@@ -178,7 +178,8 @@ class Recorder:
         names += [("plan_count", ctypes.c_uint32), ("multiplier_count", ctypes.c_uint32)]
         names += [("violation", self.real)]
         kind = type("Snapshot", (ctypes.Structure,), {"_fields_": names})
-        multipliers = None if one.active is None else 7.0 * one.active + 1e-9  # the rest is rounding
+        rounding = 1e-9  # of multipliers, whose signs do not count
+        multipliers = None if one.active is None else 7.0 * one.active + rounding
         parts = (one.u, one.plan, one.expected, multipliers)
         given = [None if a is None else ctypes.cast(self.reals(a), pointer) for a in parts]
         counts = (0 if part is None else len(part) for part in (one.plan, one.active))
@@ -199,7 +200,5 @@ def build(folder: Path, compiler: str, real_bytes: int) -> Callable[[], Recorder
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     library = ctypes.CDLL(str(folder / "recorder.so"))
-    real, dtype = (
-        (ctypes.c_float, np.float32) if real_bytes == 4 else (ctypes.c_double, np.float64)
-    )
+    real, dtype = (ctypes.c_float, np.float32) if real_bytes == 4 else (ctypes.c_double, np.float64)
     return lambda: Recorder(library, real, dtype)

@@ -7,6 +7,7 @@ import os
 import struct
 import zlib
 from dataclasses import astuple, replace
+from itertools import pairwise
 from pathlib import Path
 
 import flights
@@ -190,7 +191,8 @@ def test_nonsense_with_a_right_checksum_is_damage_or_a_record(whole: bytes, tmp_
             payload = random.bytes(int(random.integers(0, 300)))
             log = log_of(tmp_path / "a.log", whole + frame(kind, payload))  # type: ignore[arg-type]
             assert len(log.steps) >= 12
-            assert bool(log.damage) == (len(log.events) == len(expected(RECORDS)) and not log.skipped)
+            read = len(log.events) > len(expected(RECORDS)) or log.skipped == 1
+            assert read != bool(log.damage)
 
 
 def at_step(data: bytes) -> bytes:
@@ -282,7 +284,7 @@ def test_a_ring_keeps_the_latest_whole_records(
     whole = bytes(recorder.got)
     at = ends(whole)
     recorder.begin_ring(size)
-    lengths = [len(whole[a:b]) for a, b in zip(at, at[1:], strict=False)]
+    lengths = [len(whole[a:b]) for a, b in pairwise(at)]
     assert min(lengths) < 100 < max(lengths)  # the smallest ring has no room for some
     for one in RECORDS[1:]:
         recorder.write(one)
@@ -296,7 +298,7 @@ def test_a_ring_keeps_the_latest_whole_records(
 
 def kept_of(whole: bytes, at: list[int], size: int) -> bytes:
     """What a ring of so many bytes keeps, record by record."""
-    records = [whole[a:b] for a, b in zip(at, at[1:], strict=False)]
+    records = [whole[a:b] for a, b in pairwise(at)]
     kept: list[bytes] = []
     for one in records:
         if len(one) > size:

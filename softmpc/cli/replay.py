@@ -33,8 +33,8 @@ LINES = 5  # of statuses that differ, for people
 )  # fmt: skip
 @click.option(
     "--with", "players", metavar="LIST",
-    help="Controllers, separated by commas: python, c, qemu. By default python, and c where C wrote "
-    "the log.",
+    help="Controllers, separated by commas: python, c, qemu. By default python, and c where C "
+    "wrote the log.",
 )  # fmt: skip
 @click.option(
     "--code", type=click.Path(path_type=Path), metavar="FOLDER",
@@ -195,14 +195,14 @@ def _write(out: Path, replay: Replay, done: Sequence[tuple[Comparison, Replayed]
     steps = replay.log.steps
     recorded = np.array([step.u for step in steps])
     time = np.array([step.number for step in steps]) * replay.log.header.step
-    replayed = {}
-    for comparison, found in done:
+    inputs = {}
+    for comparison, replayed in done:
         u = np.full_like(recorded, np.nan)
-        for place, outcome in found.outcomes.items():
+        for place, outcome in replayed.outcomes.items():
             u[place] = outcome.u
-        replayed[comparison.name] = u
+        inputs[comparison.name] = u
     found = [comparison for comparison, _ in done]
-    made = replay_figure(replay.title, time, recorded, replayed, found, replay.torque)
+    made = replay_figure(replay.title, time, recorded, inputs, found, replay.torque)
     save_figure(made, out / "replay.png")
     write_text(out / "replay.csv", _csv(replay, done))
 

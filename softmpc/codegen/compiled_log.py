@@ -33,7 +33,7 @@ def header_of(controller: CompiledController) -> Header:
 def restore(controller: CompiledController, snapshot: Snapshot) -> bool:
     """Make it remember what a snapshot says; whether that is of such a controller."""
     pointer = ctypes.POINTER(controller.real)
-    names = [("age", ctypes.c_uint), ("failures", ctypes.c_uint)]
+    names: list[tuple[str, Any]] = [("age", ctypes.c_uint), ("failures", ctypes.c_uint)]
     names += [(name, pointer) for name in ("u", "plan", "expected", "multipliers")]
     names += [("plan_count", ctypes.c_uint32), ("multiplier_count", ctypes.c_uint32)]
     names += [("violation", controller.real)]
@@ -61,7 +61,9 @@ class CompiledRecorder:
     It is used as the controller itself is; what it does not know it asks that one.
     """
 
-    def __init__(self, controller: CompiledController, file: LogFile, every: int, scene: str) -> None:
+    def __init__(
+        self, controller: CompiledController, file: LogFile, every: int, scene: str
+    ) -> None:
         self.controller, self.file, self.every = controller, file, every
         t = controller.transcription
         size = RECORDER_BYTES + 8 * (t.N * t.nr + 8 * t.inputs)

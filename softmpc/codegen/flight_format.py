@@ -117,7 +117,7 @@ class Snapshot:
     failures: int  # steps in a row
     violation: float  # of the plan
     u: Array | None  # given last
-    plan: Array | None  # scaled: inputs and slacks, unknowns of stages, states; interval by interval
+    plan: Array | None  # scaled: decisions of all intervals, unknowns of stages, states
     expected: Array | None  # the state that the plan expects now, scaled
     active: Array | None  # -1: a constraint at its lower limit, 1: at the upper one
 

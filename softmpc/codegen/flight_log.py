@@ -99,21 +99,22 @@ class _Records:
         if left == 0:
             return None
         if left < form.FRAME.size:
-            return self._damaged(f"the log is cut off: {left} bytes of a record are left")
+            return self._ended(f"the log is cut off: {left} bytes of a record are left")
         mark, kind, _, length = form.FRAME.unpack_from(self.data, start)
         if mark != form.MARK or length > LONGEST:
-            return self._damaged("no record begins there")
+            return self._ended("no record begins there")
         end = start + form.FRAME.size + length
         if len(self.data) < end + form.CRC.size:
             whole = end + form.CRC.size - start
-            return self._damaged(f"the log is cut off: {left} of the {whole} bytes of a record")
+            return self._ended(f"the log is cut off: {left} of the {whole} bytes of a record")
         if zlib.crc32(self.data[start:end]) != form.CRC.unpack_from(self.data, end)[0]:
-            return self._damaged(f"the checksum of a record of {length} bytes is wrong")
+            return self._ended(f"the checksum of a record of {length} bytes is wrong")
         self.at = end + form.CRC.size
         return kind, self.data[start + form.FRAME.size : end]
 
-    def _damaged(self, why: str) -> None:
+    def _ended(self, why: str) -> tuple[int, bytes] | None:
         self.damage = f"at byte {self.at}: {why}"
+        return None
 
 
 def _events(records: _Records, header: Header) -> tuple[list[Event], int]:
@@ -185,16 +186,19 @@ def _get_header(path: Path, payload: bytes) -> Header:
         )
     nothing = Header(1, 1, 1, 0, 1.0, "", "", "", "")
     got = _Payload(payload, nothing)
-    _, real_bytes, writer, *sizes, step = got.fixed(form.HEADER)
-    texts = [got.text() for _ in range(5)]
+    _, real_bytes, writer, N, states, inputs, references, step = got.fixed(form.HEADER)
+    hashed, softmpc, build, names, scene = (got.text() for _ in range(5))
     if real_bytes not in (4, 8) or writer >= len(form.WRITERS):
         raise InputError(f"{path}: numbers of {real_bytes} bytes, by writer {writer}: not known")
-    return Header(*sizes, step, *texts, real_bytes, form.WRITERS[writer])
+    return Header(
+        N, states, inputs, references, step, hashed, softmpc, build, names, scene, real_bytes,
+        form.WRITERS[writer],
+    )  # fmt: skip
 
 
 def _get_step(got: _Payload, before: StepRecord | None) -> StepRecord:
     header = got.header
-    number, status, qp, source, flags, iterations, active, *seconds = got.fixed(form.STEP)
+    number, status, qp, source, flags, iterations, active, early, late = got.fixed(form.STEP)
     if status >= len(form.STATUSES) or source >= len(form.SOURCES):
         raise ValueError("a status or a source that nobody knows")
     if before is not None and number != before.number + 1:
@@ -218,7 +222,7 @@ def _get_step(got: _Payload, before: StepRecord | None) -> StepRecord:
     whole = whole and (bool(rows.all()) or (before is not None and before.whole))
     return StepRecord(
         number, x, u_before, given, u, status, qp, source, iterations, active, float(kkt),
-        float(violation), *seconds, clipped=bool(flags & form.CLIPPED), whole=whole,
+        float(violation), early, late, bool(flags & form.CLIPPED), whole,
     )  # fmt: skip
 
 

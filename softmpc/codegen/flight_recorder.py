@@ -48,8 +48,8 @@ def record(
 
     A controller in Python writes it in Python, one in C by its own recorder in C.
 
-    `scene` is the file that `softmpc replay` shall look for, `every` the steps between snapshots, at
-    which a replay can begin. Each record is with the operating system before `step` returns, so
+    `scene` is the file that `softmpc replay` shall look for, `every` the steps between snapshots,
+    at which a replay can begin. Each record is with the operating system before `step` returns, so
     that a crash of the program loses nothing. Raises `InputError` where the file cannot be written
     or the controller has no transcribed problem.
     """

@@ -10,7 +10,6 @@ from types import TracebackType
 
 from softmpc.codegen import flight_format as form
 from softmpc.codegen.flight_format import (
-    Event,
     Header,
     Limits,
     Reset,

@@ -1,7 +1,7 @@
 """A flight log through a controller again, and what came out of that beside what the log says.
 
-Decisions that depended on the clock are taken as the log has them: a step that was late then is late
-again, a quadratic program that ran out of time does so again, and none else.
+Decisions that depended on the clock are taken as the log has them: a step that was late then is
+late again, a quadratic program that ran out of time does so again, and none else.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Replay through the controller in C: compiled for this machine, or on the board that QEMU emulates."""
+"""Replay through the controller in C: compiled for this machine, or on an emulated board."""
 
 from __future__ import annotations
 
@@ -105,8 +105,9 @@ def _named(t: Transcription, given: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def through_qemu(log: FlightLog, folder: Path) -> Replayed:
-    """All that the board's program can do again: from each reset up to where a user set something or
-    the clock decided.
+    """All that the board's program can do again, from each reset on.
+
+    That is up to where a user set something or the clock decided.
 
     Raises `BuildError` where compiler or emulator are missing, or fail.
     """

@@ -70,9 +70,9 @@ class Replay:
 
 
 def players_of(log: FlightLog, names: str | None = None) -> tuple[str, ...]:
-    """Names of controllers from a list with commas; without one Python, and C where it wrote the log.
+    """Names of controllers from a list with commas.
 
-    Raises `InputError` for an unknown one.
+    Without one Python, and C where it wrote the log. Raises `InputError` for an unknown one.
     """
     if names is None:
         return ("python", "c") if log.header.writer == "C" else ("python",)
@@ -108,7 +108,7 @@ def replay_of(
 ) -> Replay:
     """Make the controller of a log from its scene file.
 
-    `code` is a folder that `softmpc codegen` has written; without it one is made where it is needed.
+    `code` is a folder that `softmpc codegen` has written; without it one is made where needed.
     Raises `InputError` where the scene makes another problem than the one the log is of.
     """
     path = scene_of(log, scene)
@@ -122,7 +122,7 @@ def replay_of(
 
 
 def check_problem(log: FlightLog, scene: str | os.PathLike[str], mpc: Mpc) -> None:
-    """Raise `InputError` where a log is not of the problem of `mpc`, which the file `scene` makes."""
+    """Raise `InputError` where a log is of another problem than `mpc`, which is of file `scene`."""
     t, h = mpc.transcription, log.header
     sizes = {"intervals": t.N, "states": t.nx, "inputs": t.inputs, "references": t.nr}
     for name, size in sizes.items():

@@ -1,4 +1,4 @@
-"""What a controller by real-time iteration takes from one step into the next: kept, and put back."""
+"""What a controller by real-time iteration takes from step to step: kept, and put back."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ Array = np.ndarray
 class Memory:
     """Its last plan, last input and active set, between two steps, in the order of the C code.
 
-    `active` is -1 at a lower bound and 1 at an upper one: bounds of the inputs of all blocks, then of
-    their slacks, then rows.
+    `active` is -1 at a lower bound and 1 at an upper one: bounds of the inputs of all blocks, then
+    of their slacks, then rows.
     """
 
     plan: Array | None  # from the next step on: scaled decisions, unknowns of stages, states

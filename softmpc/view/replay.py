@@ -50,7 +50,8 @@ def replay_figure(
     _draw_inputs(axes[0], time, recorded / size, {n: u / size for n, u in replayed.items()})
     label(axes[0], TIME, f"{what[:-1]} ({unit})", f"{what}, recorded and replayed")
     _draw_differences(axes[1], time, comparisons)
-    label(axes[1], TIME, f"difference ({'N·m' if torque else 'Pa'})", "largest difference in a step")
+    small = "N·m" if torque else "Pa"
+    label(axes[1], TIME, f"difference ({small})", "largest difference in a step")
     for one in axes:
         one.margins(x=0.01)
         one.tick_params(labelbottom=True)
@@ -83,7 +84,7 @@ def _draw_differences(axes: Axes, time: np.ndarray, comparisons: Sequence[Any]) 
     for n, one in enumerate(comparisons):
         look: dict[str, Any] = {"color": COLOURS[n], "marker": MARKS[n % 3], "linestyle": "none"}
         name = f"{one.name}: {one.same_bits} of {one.steps} the same bits"
-        shown = np.where(one.difference > LEAST, one.difference, np.where(one.difference >= 0, low, np.nan))
+        shown = np.where(one.difference <= LEAST, low, one.difference)
         axes.plot(time, shown, **look, markersize=3.5, label=name, clip_on=False)
         _draw_tolerance(axes, one)
         _draw_statuses(axes, time, one)
