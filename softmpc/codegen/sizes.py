@@ -39,10 +39,14 @@ class Tolerances:
 
     @classmethod
     def single(cls, damping: float) -> Tolerances:
-        """What seven digits allow."""
+        """What seven digits allow.
+
+        Squares of a soft limit's slack reach 1e-8 of its row: `zero` and `singular_pivot` stay below,
+        or limits that hold only softly count as contradictions.
+        """
         return cls(
             damping, rounding=1e-5, feasible=1e-3, broken=1e-5, rolled=1e-4, slope=1e-2,
-            primal=1e-5, dual=1e-6, zero=1e-7, pivot=1e-4, progress=1e-7, singular_pivot=1e-6,
+            primal=1e-5, dual=1e-6, zero=1e-9, pivot=1e-4, progress=1e-7, singular_pivot=1e-9,
             refactor=1e-5,
         )  # fmt: skip
 
