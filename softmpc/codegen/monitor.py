@@ -123,9 +123,8 @@ class Monitor:
         """After a step from the state x: u is its input, `reference` (3, m) that of the tip."""
         x, u = np.asarray(x, float), np.asarray(u, float)
         self.last = Observed(
-            tip_margin=self._margin(self._tip(x)),
             reference_margin=None if reference is None else self._margin(reference),
-            **self._drive(x, u),
+            **(self._state(x, u) if np.isfinite(x).all() else {}),
             iterations=step.iterations,
         )
         self.worst = self.worst.worse(self.last)
@@ -141,28 +140,25 @@ class Monitor:
             self.programs += 1
             self.iterations += step.iterations
 
-    def _tip(self, x: Array) -> Array:
-        if not np.isfinite(x).all():
-            return np.full(3, np.nan)
-        return np.asarray(self.model.tip(x[: self.model.strains])).ravel()
-
     def _margin(self, place: Any) -> float | None:
         if self._shell is None:
             return None
-        return _known(margins(self._shell, place)[0])
+        margin = float(margins(self._shell, place)[0])
+        return margin if np.isfinite(margin) else None
 
-    def _drive(self, x: Array, u: Array) -> dict[str, Any]:
-        """Pressures and flows."""
-        drive, limits = self.model.drive, self.model.scene.manipulator.limits
-        z = x[2 * self.model.strains :]
-        pressures = drive.C @ z + drive.D @ u
+    def _state(self, x: Array, u: Array) -> dict[str, Any]:
+        """Tip, pressures and flows."""
+        n, drive, limits = self.model.strains, self.model.drive, self.model.scene.manipulator.limits
         low, high = limits.pressure_min, limits.pressure_max
-        room = _known(np.minimum(pressures - low, high - pressures).min() / (high - low))
-        used = None if room is None or not self.back_off else max(1 - room / self.back_off, 0.0)
-        tubes = tube_count(self.model) > 0
-        number = _known(reynolds_numbers(self.model, z).max()) if tubes else None
-        return {"pressure_room": room, "back_off": used, "reynolds": number}
-
-
-def _known(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
+        room = used = number = None
+        if np.isfinite(u).all():
+            pressures = drive.C @ x[2 * n :] + drive.D @ u
+            room = float(np.minimum(pressures - low, high - pressures).min() / (high - low))
+            used = max(1 - room / self.back_off, 0.0) if self.back_off else None
+        if tube_count(self.model):
+            number = float(reynolds_numbers(self.model, x[2 * n :]).max())
+        tip = np.asarray(self.model.tip(x[:n])).ravel()
+        return {
+            "tip_margin": self._margin(tip), "pressure_room": room, "back_off": used,
+            "reynolds": number,
+        }  # fmt: skip

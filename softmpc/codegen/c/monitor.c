@@ -135,20 +135,27 @@ int smpc_margin(const real *place, real *margin)
 #endif
 }
 
-static void observe_margins(smpc_observed *o, const smpc_controller *c, const real *x)
+static void observe_tip(smpc_observed *o, const real *x)
 {
 #if SMPC_REACH
     real tip[3];
     smpc_tip_now(x, tip);
-    if (smpc_all_finite(x, SMPC_NX) && smpc_margin(tip, &o->tip_margin)) o->known |= SMPC_KNOWS_TIP;
-#if SMPC_TIP_REFERENCE >= 0
+    if (smpc_margin(tip, &o->tip_margin)) o->known |= SMPC_KNOWS_TIP;
+#else
+    (void)o;
+    (void)x;
+#endif
+}
+
+static void observe_reference(smpc_observed *o, const smpc_controller *c)
+{
+#if SMPC_REACH && SMPC_TIP_REFERENCE >= 0
     const real *asked = (const real *)c->references + SMPC_TIP_REFERENCE;
     if (smpc_margin(asked, &o->reference_margin)) o->known |= SMPC_KNOWS_REFERENCE;
-#endif
-#endif
+#else
     (void)o;
     (void)c;
-    (void)x;
+#endif
 }
 
 /* --- drive ------------------------------------------------------------------------------------ */
@@ -237,9 +244,12 @@ void smpc_monitor_update(smpc_monitor *m, const smpc_controller *c, const real *
     smpc_observed o;
     memset(&o, 0, sizeof o);
     o.iterations = c->report.iterations;
-    observe_margins(&o, c, x);
-    observe_pressures(&o, x, u);
-    observe_flows(&o, x);
+    observe_reference(&o, c);
+    if (smpc_all_finite(x, SMPC_NX)) {
+        observe_tip(&o, x);
+        observe_pressures(&o, x, u);
+        observe_flows(&o, x);
+    }
     count(m, &c->report);
     keep_worst(&m->worst, &o);
     m->last = o;
