@@ -82,7 +82,8 @@ static void square(real *H, real seen[][SMPC_MOVED], int rows, int count)
 static void add_costs(smpc_controller *c, int k, real sensitivity[][SMPC_MOVED])
 {
     const real one = 1;
-    memset(c->seen, 0, sizeof c->seen);
+    for (int r = 0; r < (SMPC_MOVING_TERMS + 3) / 4 * 4; r++)
+        memset(c->seen[r], 0, sizeof(real) * (size_t)reached(k));
     for (int r = 0; r < SMPC_MOVING_TERMS; r++) {
         coefficients by = {{0}, {0}, {0}};
         smpc_slopes_of(&c->linear, k, &one, smpc_moving_terms[r], 1, by.before, by.u, by.x);

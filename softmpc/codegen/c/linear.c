@@ -65,16 +65,15 @@ void smpc_lu_solve_transposed(const real *LU, const int *pivot, int n, real *x)
         if (pivot[k] != k) swap_rows(x + k, x + pivot[k], 1);
 }
 
-/* y -= f[0] x[0] + ... of IN_ONE rows, `apart` from one to the next. */
-static void subtract_rows(real *restrict y, const real *restrict x, int apart, const real *f, int m)
+/* y -= f[0] x + f[1] x1 + f[2] x2 + f[3] x3 */
+static void subtract_four(real *restrict y, const real *x, const real *x1, const real *x2,
+                          const real *x3, const real *f, int m)
 {
-    const real *x1 = x + apart, *x2 = x1 + apart, *x3 = x2 + apart;
     const real a = f[0], b = f[1], c = f[2], d = f[3];
     for (int j = 0; j < m; j++) y[j] -= a * x[j] + b * x1[j] + c * x2[j] + d * x3[j];
 }
 
-/* Upper factor U = L^T row by row would run along rows, and so does L by what is left of it: the
- * rows of the upper half of H hold it while the lower half is filled. */
+/* The upper factor is made row by row, so that loops run along rows, and is then turned over. */
 int smpc_cholesky(real *H, int n)
 {
     for (int i = 0; i < n; i++)
@@ -84,7 +83,8 @@ int smpc_cholesky(real *H, int n)
         int i = 0;
         for (; i + IN_ONE <= k; i += IN_ONE) {
             for (int p = 0; p < IN_ONE; p++) f[p] = H[(i + p) * n + k];
-            subtract_rows(row + k, H + i * n + k, n, f, n - k);
+            const real *x = H + i * n + k;
+            subtract_four(row + k, x, x + n, x + 2 * n, x + 3 * n, f, n - k);
         }
         for (; i < k; i++) subtract(row + k, H + i * n + k, H[i * n + k], n - k);
         if (!(row[k] > 0) || !(row[k] <= SMPC_HUGE)) return -1;
@@ -100,12 +100,25 @@ int smpc_cholesky(real *H, int n)
 void smpc_inverse_packed(const real *L, int n, real *R)
 {
     for (int i = n - 1; i >= 0; i--) {
-        real *row = R + (long)i * (2 * n - i + 1) / 2 - i; /* row[j] is column j */
-        real f = 1 / L[i * n + i];
+        real *row = R + (long)i * (2 * n - i - 1) / 2; /* row[j] is column j */
+        const real f = 1 / L[i * n + i];
         row[i] = f;
         for (int j = i + 1; j < n; j++) row[j] = 0;
-        for (int k = i + 1; k < n; k++) {
-            const real *below = R + (long)k * (2 * n - k + 1) / 2 - k;
+        int k = i + 1;
+        for (; k + IN_ONE <= n; k += IN_ONE) {
+            const real *x[IN_ONE];
+            real a[IN_ONE];
+            for (int p = 0; p < IN_ONE; p++) {
+                x[p] = R + (long)(k + p) * (2 * n - k - p - 1) / 2;
+                a[p] = f * L[(k + p) * n + i];
+                for (int j = k + p; j < k + IN_ONE; j++) row[j] -= a[p] * x[p][j];
+            }
+            const int from = k + IN_ONE;
+            subtract_four(row + from, x[0] + from, x[1] + from, x[2] + from, x[3] + from, a,
+                          n - from);
+        }
+        for (; k < n; k++) {
+            const real *below = R + (long)k * (2 * n - k - 1) / 2;
             subtract(row + k, below + k, f * L[k * n + i], n - k);
         }
     }

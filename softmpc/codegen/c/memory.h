@@ -75,6 +75,7 @@ typedef struct {
     real multipliers[SMPC_MOVES + SMPC_PROGRAM_ROWS];
     signed char active[SMPC_MOVES + SMPC_PROGRAM_ROWS]; /* where the next one begins */
     int has_inverse, any_active;
+    int bounded; /* whether an input or a row was at a bound in the last solution */
     int iterations, rows, flag;
 } smpc_program;
 

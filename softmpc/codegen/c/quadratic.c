@@ -112,6 +112,14 @@ static int begin(smpc_controller *c)
     return close || any(p->active, moved);
 }
 
+/* Whether a bound of an input or a row holds in the solution; slacks are at theirs nearly always. */
+static int at_bounds(const smpc_program *p)
+{
+    for (int i = 0; i < moves + rows; i++)
+        if (p->multipliers[i] != 0 && (i < moved || i >= moves)) return 1;
+    return 0;
+}
+
 /* Rounds of DAQP until no row is broken that was left out. */
 static int rounds(smpc_controller *c, double deadline)
 {
@@ -140,11 +148,13 @@ int smpc_solve_program(smpc_controller *c, double deadline)
     if (!bounded) {
         memset(p->multipliers, 0, sizeof p->multipliers);
         alone(p);
+        p->bounded = 0;
         if (unbounded(p)) return SMPC_QP_OPTIMAL;
     }
     if (!p->has_inverse) smpc_inverse_packed(p->H, moved, p->inverse);
     p->has_inverse = 1;
     const int found = rounds(c, deadline);
+    p->bounded = found == SMPC_QP_OPTIMAL && at_bounds(p);
     if (found == SMPC_QP_OPTIMAL && !smpc_all_finite(p->v, moves)) return SMPC_QP_NOT_OPTIMAL;
     return found;
 }

@@ -15,7 +15,7 @@ int smpc_iterate_prepare(smpc_controller *c)
     if (smpc_linearise_motion(&c->linear, &c->moment, &c->at)) return -1;
     smpc_linearise_terms(&c->linear, &c->moment, &c->at);
     c->program.flag = smpc_condense(c);
-    if (!c->program.flag && c->program.any_active) {
+    if (!c->program.flag && c->program.bounded) { /* it will be needed again */
         smpc_inverse_packed(c->program.H, moved, c->program.inverse);
         c->program.has_inverse = 1;
     }
