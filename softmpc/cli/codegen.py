@@ -95,7 +95,7 @@ def _baseline(scene: Path, kind: str, out: Path, workspace: Path | None) -> Answ
 
 
 def _run(folder: Path) -> str:
-    return f"make -C {folder} run"
+    return f"make -C {folder} test"
 
 
 def _about(made: Generated) -> dict[str, Any]:
