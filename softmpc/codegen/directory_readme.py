@@ -26,6 +26,7 @@ ABOUT = (
     ("pilot*", r"pilot.*", "estimator, supervision and controller in one"),
     ("recorder*", r"recorder.*", "the flight recorder, for `softmpc replay`"),
     ("arm/", r"arm/.*", "equations of the arm in SI, see `arm/arm.h`; the controller needs none"),
+    ("monitor*", r"monitor.*", "what a running controller is close to: limits, edge of reach"),
     ("daqp/", r"daqp/.*", "DAQP, the solver of quadratic programs, as its authors wrote it"),
     ("demo/main.c", r"demo/main\.c", "the program `run`: the scene's path on a simulated plant"),
     ("demo/plant*", r"demo/plant.*", "that plant; always in double"),
@@ -53,6 +54,23 @@ int every_sample(void) /* each SMPC_STEP seconds, with told and x as they are th
 }
 """
 
+PILOT = """\
+#include "pilot.h"
+
+static smpc_pilot pilot; /* all its memory: estimator, supervision and the controller */
+static smpc_real told[SMPC_N * SMPC_NR], rest[SMPC_NX], holding[SMPC_INPUTS], u[SMPC_INPUTS];
+
+int start(const smpc_real *x, int32_t tick) /* at rest in x under u */
+{
+    return smpc_pilot_init(&pilot, x, u, tick);
+}
+
+int every_sample(int32_t tick, const smpc_sample *arrived, int count)
+{
+    return smpc_pilot_step(&pilot, tick, arrived, count, told, rest, holding, u); /* smpc_state */
+}
+"""
+
 
 def directory_readme(model: Model, texts: Mapping[str, str], title: str = "") -> str:
     """The text, for a directory with these files and a controller of that model."""
@@ -68,6 +86,7 @@ def directory_readme(model: Model, texts: Mapping[str, str], title: str = "") ->
         _listing(texts),
         _building(texts, macros),
         f"## Interface\n\n```c\n{API}```\n",
+        *_pilot(texts),
         _numbers(model, macros),
         _board(texts),
         _versions(texts, macros),
@@ -112,6 +131,20 @@ def _building(texts: Mapping[str, str], macros: Mapping[str, str]) -> str:
 
 def _milliseconds(macros: Mapping[str, str]) -> str:
     return f"{1e3 * float(macros['STEP']):g}"
+
+
+def _pilot(texts: Mapping[str, str]) -> list[str]:
+    """What there is for a controller that has readings instead of the state."""
+    if "pilot.h" not in texts:
+        return []
+    about = (
+        "Where the state is not known, the pilot estimates it from what sensors read, and falls "
+        "back where that fails. `estimator_sizes.h` lists the sensors and what they read, "
+        "`pilot.h` says what `rest` and `holding` are. Times are whole milliseconds. `told` has "
+        "room for the disturbance, which the pilot fills in; without a pilot it is what is known "
+        "of it, or zero. Readings may be late by SMPC_MEMORY milliseconds."
+    )
+    return [f"## From readings to inputs\n\n```c\n{PILOT}```\n\n{_wrapped(about)}"]
 
 
 def _numbers(model: Model, macros: Mapping[str, str]) -> str:

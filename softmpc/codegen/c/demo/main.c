@@ -2,7 +2,7 @@
  *
  *     ./run [--steps N] [--csv FILE]
  *
- * Prints one line. Ends with 0 where all steps were solved, 1 where some were not, 2 for a command
+ * Prints how it went, and what the monitor saw at worst. Ends with 0 where all steps were solved, 1 where some were not, 2 for a command
  * that is wrong, 3 where the plant stops. */
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,6 +10,7 @@
 #include <time.h>
 
 #include "controller.h"
+#include "monitor.h"
 #include "plant.h"
 #include "reference.h"
 
@@ -27,6 +28,7 @@ typedef struct record {
 } record;
 
 static smpc_controller controller;
+static smpc_monitor monitor;
 static smpc_plant plant;
 static record run;
 
@@ -96,6 +98,7 @@ static int control(long k, double *u)
     const int status = smpc_step(&controller, x, before, next);
     run.ms[k] = 1e3 * (double)(clock() - began) / CLOCKS_PER_SEC;
     run.statuses[status]++;
+    smpc_monitor_update(&monitor, &controller, x, next);
     for (int j = 0; j < INPUTS; j++) u[j] = next[j];
     return status;
 }
@@ -124,6 +127,7 @@ static int close_loop(const options *given)
     double u[INPUTS], tips[3 * SECTIONS];
     memcpy(u, smpc_run_u, sizeof u);
     smpc_init(&controller);
+    smpc_monitor_init(&monitor);
     smpc_plant_init(&plant, smpc_run_x);
     smpc_plant_tips(&plant, tips);
     measure(0, tips);
@@ -175,6 +179,25 @@ static void print_summary(void)
     printf(" step: %.3f ms median, %.3f ms at 99.9 %%\n", quantile(0.5), quantile(0.999));
 }
 
+static void print_monitor(void)
+{
+    const smpc_observed *w = &monitor.worst;
+    printf("at worst:");
+    if (w->known & SMPC_KNOWS_TIP)
+        printf(" tip %.2f mm from the edge of the reachable set,", 1e3 * (double)w->tip_margin);
+    if (w->known & SMPC_KNOWS_REFERENCE)
+        printf(" its reference %.2f mm,", 1e3 * (double)w->reference_margin);
+    if (w->known & SMPC_KNOWS_PRESSURE)
+        printf(" pressure %.2f %% of its range from a limit,", 1e2 * (double)w->pressure_room);
+    if (w->known & SMPC_KNOWS_BACK_OFF)
+        printf(" %.1f %% of the back-off used,", 1e2 * (double)w->back_off);
+#if SMPC_TUBES
+    printf(" Reynolds number %.0f,", (double)w->largest_reynolds);
+#endif
+    printf(" %d iterations of the quadratic program, %.2f on average\n", w->iterations,
+           (double)monitor.mean_iterations);
+}
+
 int main(int count, char **words)
 {
     options given;
@@ -182,6 +205,7 @@ int main(int count, char **words)
     if (code == 0) {
         code = close_loop(&given);
         print_summary();
+        print_monitor();
         if (given.csv && fclose(given.csv) != 0) code = usage("could not be written", "");
     }
     return code;
