@@ -160,6 +160,7 @@ static void meddle(void)
     static double tick;
     if (chance(0.005)) smpc_init(&controller);
     if (chance(0.02)) narrow();
+    if (chance(0.02)) smpc_set_cap(&controller, chance(0.5) ? 0 : (unsigned)(draw() % 50));
     if (chance(0.05)) smpc_set_limits(&controller, NULL, NULL, NULL, NULL);
     if (chance(0.02)) {
         tick = chance(0.1) ? (double)special_value() : chance(0.5) ? 0 : power_of_ten(-6, 1);
