@@ -6,10 +6,10 @@ import hashlib
 import os
 import shutil
 from collections.abc import Iterable, Mapping
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
-import softmpc
 from softmpc.errors import InputError
 
 __all__ = ["c_source", "checked_folder", "identity_of", "write_folder"]
@@ -27,7 +27,7 @@ def identity_of(texts: Mapping[str, str], names: Iterable[str]) -> dict[str, str
         digest.update(f"{name}\0{texts[name]}\0".encode())
     for name in names:
         digest.update(c_source(name).encode())
-    return {"VERSION": softmpc.__version__, "SCENE_HASH": digest.hexdigest()[:16]}
+    return {"VERSION": version("softmpc"), "SCENE_HASH": digest.hexdigest()[:16]}
 
 
 def checked_folder(out: str | os.PathLike[str]) -> Path:
