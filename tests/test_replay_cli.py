@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import codegen_small as small
 import pytest
 from click.testing import CliRunner
 
@@ -129,6 +130,15 @@ def test_a_log_without_its_scene_says_so(place: Path, tmp_path: Path) -> None:
     nameless = replace(log, header=replace(log.header, scene=""))
     with pytest.raises(InputError, match=r"names no scene file: give the one it was made with"):
         scene_of(nameless)
+
+
+def test_code_of_another_controller_is_refused(place: Path, tmp_path: Path) -> None:
+    """Which would read references beyond their end."""
+    words = place / "flight.log", "--with", "c", "--code"
+    done = softmpc(*words, small.folder())
+    assert done.exit_code == 2 and "is the controller of another problem (" in done.stderr
+    done = softmpc(*words, tmp_path)
+    assert done.exit_code == 2 and "has no problem.h" in done.stderr
 
 
 def test_an_unknown_controller_is_refused(place: Path) -> None:

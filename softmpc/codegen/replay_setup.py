@@ -12,6 +12,7 @@ from pathlib import Path
 from softmpc.codegen.flight_log import FlightLog
 from softmpc.codegen.generate import generate
 from softmpc.codegen.problem_hash import problem_hash
+from softmpc.codegen.recorder_files import hash_in
 from softmpc.codegen.replay import Replayed, play
 from softmpc.codegen.replay_c import CPlayer, through_qemu
 from softmpc.codegen.replay_python import PythonPlayer
@@ -44,7 +45,8 @@ class Replay:
     def by(self, name: str, progress: Progress | None = None) -> Replayed:
         """What comes out of the controller of that name.
 
-        Raises `BuildError` where a compiler or an emulator is missing.
+        Raises `BuildError` where a compiler or an emulator is missing, `InputError` where the given
+        folder is of another controller.
         """
         (name,) = players_of(self.log, name)
         t = self.setup.controller.transcription
@@ -61,6 +63,12 @@ class Replay:
     def _code(self) -> Iterator[Path]:
         """The folder of the controller in C: the one given, or one that is generated now."""
         if self.code is not None:
+            own, h = hash_in(self.code), self.log.header
+            if own != h.scene_hash:
+                raise InputError(
+                    f"{self.code}: is the controller of another problem ({own}) than "
+                    f"{self.log.path} ({h.scene_hash}): give the folder it was made with, or none"
+                )
             yield self.code
             return
         with tempfile.TemporaryDirectory(prefix="softmpc-replay-") as scratch:
