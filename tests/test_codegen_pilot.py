@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -12,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softmpc.codegen import c_text
 from softmpc.codegen.compiled_pilot import CompiledPilot
-from softmpc.codegen.estimator_pilot import LOG, files, generate_pilot
-from softmpc.codegen.generate import generate_controller
+from softmpc.codegen.estimator_pilot import LOG, files
+from softmpc.codegen.generate import generate, generate_controller, generate_file
 from softmpc.control.closed_loop import Start
 from softmpc.control.tracking import read_track_file
 from softmpc.errors import InputError
@@ -34,7 +36,7 @@ from softmpc.rig.faults import (
 from softmpc.rig.result import RigResult
 from softmpc.rig.rigging import Rig, read_rig_file, rig_up
 from softmpc.rig.supervision import Condition, State, Supervision, Supervisor
-from tests.c_estimator import C_SOURCES, COMPILER, STRICT
+from tests.c_estimator import C_SOURCES, COMPILER, OF_FLOAT, STRICT
 
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="needs gcc or clang")
 SCENE = """
@@ -92,7 +94,7 @@ def rig(folder: Path) -> Rig:
 
 @pytest.fixture(scope="module")
 def pilot(rig: Rig, folder: Path) -> CompiledPilot:
-    generate_pilot(rig, folder / "c")
+    generate(rig.setup, folder / "c", demo=False, beside=files(rig.pilot))
     return CompiledPilot(folder / "c", rig.pilot, flags=("-O0",))
 
 
@@ -139,8 +141,8 @@ def test_the_same_loop_with_every_fault(rig: Rig, pilot: CompiledPilot) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["figure_eight_rig", "circle_faults"])
-def test_the_same_loop_of_the_examples(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("name", "seconds"), [("figure_eight_rig", 4.0), ("circle_faults", 8.0)])
+def test_the_same_loop_of_the_examples(name: str, seconds: float, tmp_path: Path) -> None:
     """Whole, but for the cap of the solver: where no limit is near, C needs no iteration."""
     path = Path(f"examples/{name}.toml")
     _, scene, task = read_track_file(path)
@@ -148,9 +150,9 @@ def test_the_same_loop_of_the_examples(name: str, tmp_path: Path) -> None:
     assert settings is not None
     faults = tuple(one for one in settings.faults if not isinstance(one, SolverCap))
     rig = rig_up(scene, task, settings)
-    generate_pilot(rig, tmp_path / "c")
-    python = flown(rig, faults, 8.0)
-    c = flown(replace(rig, pilot=CompiledPilot(tmp_path / "c", rig.pilot)), faults, 8.0)
+    generate_file(path, tmp_path / "c")
+    python = flown(rig, faults, seconds)
+    c = flown(replace(rig, pilot=CompiledPilot(tmp_path / "c", rig.pilot)), faults, seconds)
     check_same(python, c)
     assert bool(faults) == bool(c.transitions)
 
@@ -226,6 +228,52 @@ def test_what_is_refused(rig: Rig, pilot: CompiledPilot, folder: Path) -> None:
     with pytest.raises(InputError, match=r"supervision_sizes\.h is that of another rig"):
         CompiledPilot(folder / "c", rig.pilot)
     rig.pilot.delay = usual
+
+
+def nominal(rig: Rig, pilot: CompiledPilot) -> str:
+    """What `fuzz_pilot.c` takes for good: the arm at rest at the start of the path."""
+    start, estimator = rig.setup.start, rig.pilot.estimator
+    x = rig.seen(start.x, start.u)
+    references, _, _ = pilot._told(0)
+    read = [reading(x, start.u)[0] for reading in estimator.readings]
+    largest = max(map(len, read))
+    rows = np.array([np.pad(one, (0, largest - len(one))) for one in read])
+    found = "".join(
+        c_text.array(f"nominal_{name}", values).replace("const", "static const", 1)
+        for name, values in (
+            ("x", x), ("u", start.u), ("references", references), ("flat", rows),
+            ("noise", [one.noise for one in estimator.sensors]),
+        )
+    )  # fmt: skip
+    return found + (
+        f"static const smpc_real (*const nominal_reading)[{largest}] =\n"
+        f"    (const smpc_real (*)[{largest}])nominal_flat;\n"
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+@pytest.mark.parametrize("single", [False, True])
+def test_random_readings_under_sanitizers(
+    single: bool, rig: Rig, pilot: CompiledPilot, tmp_path: Path
+) -> None:
+    """2,500 steps; `fuzz_pilot.c` says what is checked."""
+    (tmp_path / "nominal.h").write_text(nominal(rig, pilot))
+    program, made = tmp_path / "fuzz", pilot.mpc.folder
+    sources = [str(path) for path in made.glob("*.c")]
+    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
+    command = ["gcc", "-std=c99", "-O0", *checks, *(OF_FLOAT if single else ()), f"-I{tmp_path}"]
+    fuzz = Path(__file__).parent / "codegen_c" / "fuzz_pilot.c"
+    subprocess.run(
+        [*command, f"-I{made}", str(fuzz), *sources, "-o", str(program), "-lm"], check=True
+    )
+    ended = subprocess.run([str(program), "2500", "1"], capture_output=True, text=True)
+    print(ended.stdout)
+    assert not ended.returncode, ended.stderr
+    counts = dict(re.findall(r"^  (\D+?):? (\d+)$", ended.stdout, re.MULTILINE))
+    for name in ("normal", "degraded", "fall back", "safe stop"):
+        assert int(counts[name]) > 50
+    assert int(counts["trouble the time is forgotten"]) > 2
 
 
 # ---------------------------------------------------------------- supervision, alone

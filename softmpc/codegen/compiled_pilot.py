@@ -238,7 +238,7 @@ def _sample_type(estimator: Estimator, real: type) -> np.dtype[Any]:
 def _check_written(folder: Path, like: Pilot) -> None:
     """Raises `InputError` where the folder has no pilot, or that of another rig."""
     if not (folder / "pilot.c").is_file():
-        raise InputError(f"{folder}: holds no pilot; `generate_pilot` writes one")
+        raise InputError(f"{folder}: holds no pilot; a scene with a table [rig] has one")
     texts = files(like)
     for name in SAME:
         if (folder / name).read_text(encoding="utf-8") != texts[name]:

@@ -154,7 +154,20 @@ def _sizes(estimator: Estimator, window: Window) -> str:
         ("SMPC_NEWTON_CONVERGED", CONVERGED, ""),
         ("SMPC_NEWTON_ITERATIONS", ITERATIONS, ""),
     ]
-    return "".join(c_text.define(*one) for one in values)
+    return "".join(c_text.define(*one) for one in values) + _about(estimator)
+
+
+def _about(estimator: Estimator) -> str:
+    """A comment that says what each sensor reads, for whoever fills in smpc_sample."""
+    lines = [
+        f" * {i}  {sensor.name}: {len(reading.names)} values ({sensor.unit}), each "
+        f"{sensor.period} ticks, {sensor.delay} late: {', '.join(reading.names)}"
+        for i, (sensor, reading) in enumerate(
+            zip(estimator.sensors, estimator.readings, strict=True)
+        )
+    ]
+    ascii_only = "\n".join(lines).replace("·", " ").encode("ascii", "replace").decode()
+    return f"/* Sensors by number, what they read, how often and how late:\n{ascii_only}\n */\n"
 
 
 # ---------------------------------------------------------------- motion

@@ -6,20 +6,15 @@ change their states at the same tick.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 from softmpc.codegen import c_text, estimator_data
 from softmpc.codegen.directory import c_source
 from softmpc.codegen.estimator_data import Window
-from softmpc.codegen.generate import Generated, generate_controller
-from softmpc.control.closed_loop import Start
 from softmpc.estimation.sensors import TICK
 from softmpc.rig.pilot import DOUBTFUL, Pilot
-from softmpc.rig.rigging import Rig
 
-__all__ = ["files", "generate_pilot", "window_of"]
+__all__ = ["files", "window_of"]
 
 SOURCES = (
     "estimator.h", "estimator_parts.h", "supervision.h", "pilot.h", "estimator.c",
@@ -52,20 +47,6 @@ def files(pilot: Pilot, late: float | None = None) -> dict[str, str]:
         c_text.array(*one) for one in arrays
     )
     return found
-
-
-def generate_pilot(
-    rig: Rig, out: str | os.PathLike[str], *, late: float | None = None,
-    more: Mapping[str, str] | None = None, **options: Any,
-) -> Generated:  # fmt: skip
-    """Write the whole controller of a rig into the folder `out`: MPC, estimator, supervision.
-
-    `late` is as in `window_of`, `more` and `options` as in `generate_controller`.
-    """
-    setup = rig.setup
-    start = Start(rig.seen(setup.start.x, setup.start.u), setup.start.u)
-    beside = files(rig.pilot, late) | dict(more or {})
-    return generate_controller(setup.controller, out, start=start, more=beside, **options)
 
 
 def _sizes(pilot: Pilot) -> str:

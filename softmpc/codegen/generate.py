@@ -22,6 +22,7 @@ from softmpc.codegen.data import ControllerData
 from softmpc.codegen.demonstration import demonstration
 from softmpc.codegen.directory import c_source, checked_folder, identity_of, write_folder
 from softmpc.codegen.directory_readme import directory_readme
+from softmpc.codegen.estimator_pilot import files as pilot_files
 from softmpc.codegen.model_functions import controller_functions, sources
 from softmpc.codegen.monitor_data import monitor_files
 from softmpc.codegen.reference import references_of
@@ -31,6 +32,7 @@ from softmpc.control.mpc import Mpc
 from softmpc.control.real_time import RealTime
 from softmpc.control.tracking import Setup, read_track_file, ready, set_up
 from softmpc.errors import BuildError, InputError, errors_in
+from softmpc.rig.rigging import read_rig_file, rig_up
 from softmpc.statics.workspace_result import Workspace
 
 __all__ = ["Generated", "generate", "generate_controller", "generate_file"]
@@ -66,27 +68,37 @@ def generate_file(
     iterations: int = ITERATIONS, max_rows: int | None = None,
     workspace: str | os.PathLike[str] | None = None,
 ) -> Generated:  # fmt: skip
-    """The controller of a scene file's table [track], see `generate`; `workspace` is a file."""
+    """The controller of a scene file's table [track], see `generate`; `workspace` is a file.
+
+    With a table [rig] its estimator and supervision are beside it, see `pilot.h`.
+    """
     title, scene, task = read_track_file(path)
     space = None if workspace is None else Workspace.load(workspace)
+    settings = read_rig_file(path)
     with errors_in(path):
-        setup = ready(lambda report: set_up(scene, task, progress=report), progress)
+        if settings is None:
+            setup, beside = ready(lambda report: set_up(scene, task, progress=report), progress), {}
+        else:
+            rig = ready(lambda report: rig_up(scene, task, settings, report), progress)
+            setup, beside = rig.setup, pilot_files(rig.pilot)
         return generate(
-            setup, out, iterations=iterations, max_rows=max_rows, title=title, workspace=space
-        )
+            setup, out, iterations=iterations, max_rows=max_rows, title=title, workspace=space,
+            beside=beside,
+        )  # fmt: skip
 
 
 def generate(
     setup: Setup, out: str | os.PathLike[str], *, iterations: int = ITERATIONS,
     max_rows: int | None = None, title: str = "", demo: bool = True,
-    workspace: Workspace | None = None,
+    workspace: Workspace | None = None, beside: Mapping[str, str] | None = None,
 ) -> Generated:  # fmt: skip
     """Write the controller of a tracking task into the folder `out`, see `generate_controller`.
 
     With `demo` there is a program that runs the task, and how to build it; `title` is its name.
-    With `workspace` the monitor knows how far tip and reference are from the edge of it.
+    With `workspace` the monitor knows how far tip and reference are from the edge of it. `beside`
+    are more files by name, such as those of a pilot.
     """
-    more = arm_files(setup.ocp.model)
+    more = arm_files(setup.ocp.model) | dict(beside or {})
     if demo:
         more |= demonstration(setup, references_of(setup), title)
     return generate_controller(
