@@ -6,6 +6,7 @@ import atexit
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -41,14 +42,13 @@ def line() -> Setup:
 
 
 @cache
-def finer_plant() -> Setup:
-    """The plant has two segments a section and a payload, the controller a drive of one mode."""
+def heavier_plant() -> Setup:
+    """The plant has a payload and all modes of the drive, the controller's model neither."""
     scene = Scene(chen2022())
-    plant = {"model": {"segments": 2}, "effects": {"payload": {"mass": 0.1}}}
     task = {
         **LINE,
         "controller": {"horizon": 8, "scene": {"actuation": {"kind": "slow-mode"}}},
-        "plant": {"scene": plant, "method": "radau"},
+        "plant": {"scene": {"effects": {"payload": {"mass": 0.02}}}, "method": "radau"},
     }
     return set_up(scene, read_tracking(task, Path("."), scene_to_dict(scene)))
 
@@ -70,11 +70,10 @@ def baseline(kind: str) -> tuple[Path, Baseline]:
 
 
 @cache
-def controller(which: str = "line") -> Path:
+def controller(setup: Callable[[], Setup] = line) -> Path:
     """The directory of the predictive controller."""
-    folder = scratch() / which
-    setup = line() if which == "line" else finer_plant()
-    generate(setup, folder, title="Short line")
+    folder = scratch() / setup.__name__
+    generate(setup(), folder, title="Short line")
     return folder
 
 
