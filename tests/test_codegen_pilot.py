@@ -331,6 +331,19 @@ def test_names_of_states_and_causes(pilot: CompiledPilot) -> None:
     assert LOG >= 8
 
 
+@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
+def test_no_memory_is_allocated_and_no_global_changes(pilot: CompiledPilot, tmp_path: Path) -> None:
+    for name in ("pilot.c", "supervision.c"):
+        target = str(tmp_path / "x.o")
+        command = [str(COMPILER), "-std=c99", "-fno-pie", "-c", str(pilot.mpc.folder / name)]
+        subprocess.run([*command, "-o", target], check=True)
+        lines = subprocess.run(["nm", target], capture_output=True, text=True).stdout.splitlines()
+        kinds = [(line.split()[-2], line.split()[-1]) for line in lines]
+        elsewhere = {name for kind, name in kinds if kind == "U" and not name.startswith("smpc_")}
+        assert elsewhere <= {"memcpy", "memset", "memmove"}
+        assert not [name for kind, name in kinds if kind in "bBdDC"]
+
+
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_without_warnings(name: str, pilot: CompiledPilot, tmp_path: Path) -> None:
     if shutil.which(name) is None:

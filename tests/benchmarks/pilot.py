@@ -1,0 +1,109 @@
+"""The pilot in C beside the one in Python: time of an estimate and of a step, and its memory.
+
+    python -m tests.benchmarks.pilot [--scene SCENE] [--seconds 4] [--json FILE]
+
+Both fly the same rig with the same noise, one after the other. Times are by the wall, medians and
+the largest; "estimate" goes back to the oldest reading that has arrived and on to when the input
+acts, "step" is all from readings to an input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PARTS = ("pilot", "controller", "estimator")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scene", default="examples/figure_eight_rig.toml")
+    parser.add_argument("--seconds", type=float, default=4.0, help="of each run")
+    parser.add_argument("--json", type=Path, help="where to write the numbers")
+    given = parser.parse_args()
+    found = measured(Path(given.scene), given.seconds)
+    for line in _lines(found):
+        print(line)
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=2))
+    return 0
+
+
+def measured(path: Path, seconds: float) -> dict[str, Any]:
+    """Times (ms) and bytes by pilot."""
+    from softmpc.codegen.compiled_pilot import CompiledPilot
+    from softmpc.codegen.generate import generate_file
+    from softmpc.control.tracking import read_track_file
+    from softmpc.rig.rigging import read_rig_file, rig_up
+
+    _, scene, task = read_track_file(path)
+    settings = read_rig_file(path)
+    assert settings is not None, f"{path} has no table [rig]"
+    rig = rig_up(scene, task, settings)
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "c"
+        generate_file(path, made)
+        found = {"Python": times(rig.run(duration=seconds))}
+        for name, single in (("C, double", False), ("C, float", True)):
+            if single and "#error" in (made / "sizes.h").read_text():
+                continue
+            pilot = CompiledPilot(made, rig.pilot, single=single)
+            found[name] = times(replace(rig, pilot=pilot).run(duration=seconds)) | memory(pilot)
+        sizes = (made / "estimator_sizes.h").read_text()
+    knots = re.findall(r"#define SMPC_(KNOTS|MEMORY|SAMPLES) (\d+)", sizes)
+    return found | {"window": {name.lower(): int(count) for name, count in knots}}
+
+
+def times(result: Any) -> dict[str, float]:
+    found = {}
+    for name, values in (("estimate", result.estimate_ms), ("step", result.track.step_ms)):
+        found |= {f"{name}_ms": float(np.median(values)), f"{name}_ms_max": float(values.max())}
+    return found | {"rms_error_mm": float(result.summary()["rms_error_mm"])}
+
+
+def memory(pilot: Any) -> dict[str, int]:
+    """Bytes of a pilot and of its parts."""
+    import ctypes
+
+    library, names = pilot.library, ("pilot_memory", "memory", "estimator_memory")
+    for name in names:
+        getattr(library, f"smpc_{name}").restype = ctypes.c_ulong
+    return {
+        f"{part}_bytes": int(getattr(library, f"smpc_{name}")())
+        for part, name in zip(PARTS, names, strict=True)
+    }
+
+
+def _lines(found: dict[str, Any]) -> list[str]:
+    head = f"{'pilot':<10} {'estimate, ms':>18} {'step, ms':>18} {'RMS mm':>7}"
+    lines = [head + "".join(f"{part:>12}" for part in PARTS)]
+    for name, row in found.items():
+        if name == "window":
+            continue
+        cells = [
+            f"{row[f'{kind}_ms']:.3f} ({row[f'{kind}_ms_max']:.2f})"
+            for kind in ("estimate", "step")
+        ]
+        bytes_of = [row.get(f"{part}_bytes") for part in PARTS]
+        lines.append(
+            f"{name:<10} {cells[0]:>18} {cells[1]:>18} {row['rms_error_mm']:>7.2f}"
+            + "".join(f"{'' if one is None else f'{one / 1e3:.0f} kB':>12}" for one in bytes_of)
+        )
+    window = found["window"]
+    lines.append(
+        f"readings may be {window['memory']} ms late: {window['knots']} times are remembered, "
+        f"{window['samples']} readings"
+    )
+    return lines
+
+
+if __name__ == "__main__":
+    sys.exit(main())
