@@ -17,7 +17,7 @@ import numpy as np
 from softmpc.codegen.targets import CORTEX_M7, TARGETS, Target, build
 from softmpc.errors import BuildError, InputError, unknown_name
 
-__all__ = ["Answers", "Steps", "read_sizes", "run_steps"]
+__all__ = ["Answers", "Steps", "read_sizes", "refused_float", "run_steps"]
 
 RUN_SECONDS = 600.0
 ENDINGS = {66: "it cannot open its files", 70: "the processor met a fault"}
@@ -99,14 +99,23 @@ def run_steps(
 
 def read_sizes(directory: Path) -> dict[str, int]:
     """The whole numbers among the macros of sizes.h, without their prefix `SMPC_`."""
+    found = re.findall(r"^#define SMPC_(\w+) (\d+)\b(?!\.)", _sizes(directory), re.MULTILINE)
+    return {name: int(value) for name, value in found}
+
+
+def refused_float(directory: Path) -> str:
+    """Why the controller cannot be in float; nothing where it can."""
+    found = re.search(r'^#error "(.*)"', _sizes(directory), re.MULTILINE)
+    return found[1] if found else ""
+
+
+def _sizes(directory: Path) -> str:
     try:
-        text = (directory / "sizes.h").read_text(encoding="utf-8")
+        return (directory / "sizes.h").read_text(encoding="utf-8")
     except OSError:
         raise InputError(
             f"{directory}: has no sizes.h; `softmpc codegen` makes a controller's directory"
         ) from None
-    found = re.findall(r"^#define SMPC_(\w+) (\d+)\b(?!\.)", text, re.MULTILINE)
-    return {name: int(value) for name, value in found}
 
 
 def _fitting(steps: Steps, sizes: dict[str, int]) -> int:

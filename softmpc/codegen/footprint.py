@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from softmpc.codegen.emulate import read_sizes
+from softmpc.codegen.emulate import read_sizes, refused_float
 from softmpc.codegen.stack_bound import read_code, read_frames
-from softmpc.codegen.targets import CORTEX_M7, PRECISIONS, build, flags_of, run_tool
+from softmpc.codegen.targets import CORTEX_M7, PRECISIONS, board_of, build, flags_of, run_tool
 from softmpc.errors import BuildError, InputError, unknown_name
 
 __all__ = ["BUDGETS", "footprint", "footprint_table"]
@@ -26,8 +26,8 @@ REGIONS = {"flash": "FLASH", "ram": "RAM", "stack": "STACK"}
 ENTRIES = ("smpc_init", "smpc_set_reference", "smpc_prepare", "smpc_feedback")
 ALLOCATORS = ("malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "_sbrk_r", "sbrk")
 BOARD, LIBRARY, MODEL, SOLVER, OWN = "board", "C library", "model", "DAQP", "controller"
-# DAQP moves a row of its working set forward by taking it out and in again, which may move the next
-# one. Its rows are in order then, so it goes no deeper than there are rows, one more than variables.
+# DAQP moves a row of its working set by taking it out and in again, which may move the next one.
+# They are in order then, so it goes no deeper than there are rows: one more than variables.
 REORDERING = "daqp_pivot_last"
 PREFIX = "arm-none-eabi-"
 
@@ -81,16 +81,20 @@ def footprint(
     `ram` (without the stack) and `stack`, each with `bytes`, `budget` and `fits`; the
     `controller`'s own memory; `calls` with the deepest stack of each function; the `parts` of the
     program; the `allocators` of heap memory that are in it; the functions that do arithmetic of
-    doubles by software (`software_double`), and those that call a pointer (`by_pointer`). The stack
-    has no `bytes` where nothing bounds it, and `why` says what. Raises `InputError` for a directory
-    that is none of a controller, `BuildError` where tools are missing or fail.
+    doubles by software (`software_double`), those that call a pointer (`by_pointer`), and how deep
+    functions that call themselves are counted (`nested`). The stack has no `bytes` where nothing
+    bounds it, and `why` says what. Where the controller cannot be in float, `refused` says why
+    instead. Raises `InputError` for a directory that is none of a controller, `BuildError` where
+    tools are missing or fail.
     """
     directory = Path(directory)
     if budget not in BUDGETS:
         raise InputError(unknown_name("budget", budget, BUDGETS))
-    regions = _regions(directory / "board" / BUDGETS[budget])
-    found: dict[str, Any] = {"budget": budget}
+    regions = _regions(board_of(directory) / BUDGETS[budget])
+    found: dict[str, Any] = {"budget": budget, "refused": refused_float(directory)}
     for precision in precisions:
+        if precision == "float" and found["refused"]:
+            continue
         with tempfile.TemporaryDirectory(prefix="softmpc-footprint-") as scratch:
             found[precision] = _of(directory, precision, Path(scratch), regions)
     found["compiler"] = run_tool([CORTEX_M7.compiler, "--version"]).splitlines()[0]
@@ -120,6 +124,7 @@ def _of(directory: Path, precision: str, scratch: Path, regions: dict[str, int])
         "controller": symbols["controller"][1],
         "calls": {n: {"bytes": d.bytes, "path": list(d.path)} for n, d in deepest.items()},
         "by_pointer": list(whole.indirect),
+        "nested": {name: count for name, count in turns.items() if name in symbols},
         "parts": program.parts(),
         "allocators": [name for name in ALLOCATORS if name in symbols],
         "software_double": code.callers(_is_software_double),
@@ -132,10 +137,7 @@ def _against(bytes_: int | None, budget: int) -> dict[str, Any]:
 
 def _regions(script: Path) -> dict[str, int]:
     """Bytes of the regions of a linker script."""
-    try:
-        text = script.read_text(encoding="utf-8")
-    except OSError:
-        raise InputError(f"{script}: not there; `softmpc codegen` writes it") from None
+    text = script.read_text(encoding="utf-8")
     units = {"K": 1024, "M": 1024 * 1024}
     lengths = {name: int(count) * units[unit] for name, count, unit in _LENGTH.findall(text)}
     return {name: lengths[region] for name, region in REGIONS.items()}
@@ -186,6 +188,8 @@ def footprint_table(found: dict[str, Any]) -> str:
     ]
     for precision in (p for p in PRECISIONS if p in found):
         lines += _notes(precision, found[precision])
+    if found["refused"]:
+        lines.append(found["refused"])
     return "\n".join(lines) + "\n"
 
 
@@ -210,6 +214,8 @@ def _notes(precision: str, one: dict[str, Any]) -> list[str]:
     """What a column has no room for."""
     deepest = max(one["calls"].values(), key=lambda call: call["bytes"] or 0)
     notes = [one["why"] or f"deepest call: {' > '.join(deepest['path'])}"]
+    for name, count in one["nested"].items():
+        notes.append(f"{name} comes to call itself; counted {count} deep, once for each row")
     if one["by_pointer"]:
         notes.append(f"calls by pointer, not in the stack's bound: {', '.join(one['by_pointer'])}")
     if one["software_double"]:

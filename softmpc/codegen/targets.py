@@ -19,6 +19,7 @@ __all__ = [
     "PRECISIONS",
     "TARGETS",
     "Target",
+    "board_of",
     "build",
     "controller_sources",
     "flags_of",
@@ -97,13 +98,18 @@ def flags_of(target: Target, precision: str) -> tuple[str, ...]:
 
 def controller_sources(directory: Path) -> list[Path]:
     """C files of a generated directory but those of programs that use it."""
-    found = sorted(directory.glob("*.c"))
-    found = [path for path in found if path.name != "main.c"]
-    if not found or not (directory / "board" / "steps.c").is_file():
+    found = [path for path in sorted(directory.glob("*.c")) if path.name != "main.c"]
+    if not found or not (directory / "controller.h").is_file():
         raise InputError(
             f"{directory}: is no directory of a generated controller; `softmpc codegen` makes one"
         )
     return found
+
+
+def board_of(directory: Path) -> Path:
+    """Its folder of files for boards, or softmpc's own where it has none."""
+    own = directory / "board"
+    return own if own.is_dir() else Path(__file__).parent / "c" / "board"
 
 
 def build(
@@ -122,14 +128,15 @@ def build(
     """
     directory, into = directory.resolve(), into.resolve()
     flags = (*flags_of(target, precision), *extra, f"-I{directory}")
-    sources = controller_sources(directory)
-    sources += [directory / "board" / name for name in ("steps.c", *target.program)]
+    sources, board = controller_sources(directory), board_of(directory)
+    sources += [board / name for name in ("steps.c", *target.program)]
     if target.missing:
         raise BuildError(f"{target.name}: {target.missing}")
     into.mkdir(parents=True, exist_ok=True)
 
     def compile_one(source: Path) -> str:
-        name = source.relative_to(directory).with_suffix(".o")
+        part = "board" if source.parent == board else ""
+        name = Path(part, source.name).with_suffix(".o")
         (into / name).parent.mkdir(parents=True, exist_ok=True)
         run_tool([target.compiler, *flags, "-c", str(source), "-o", str(name)], into)
         return str(name)
@@ -138,7 +145,7 @@ def build(
         objects = list(threads.map(compile_one, sources))
     program = into / "steps"
     script = memory_map or target.memory_map
-    link = [*target.link, *((f"-L{directory / 'board'}", f"-T{script}") if script else ())]
+    link = [*target.link, *((f"-L{board}", f"-T{script}") if script else ())]
     link += ["-Wl,--gc-sections", f"-Wl,-Map={program.name}.map"]
     run_tool([target.compiler, *flags, *link, *objects, "-o", str(program), "-lm"], into)
     return program
