@@ -124,6 +124,13 @@ class ControllerData:
                 found[b] = b + 1
         return found
 
+    def _rate_rows(self) -> list[int]:
+        """The row of the hard limit of each input's change, -1 where there is none."""
+        t = self.t
+        names = t.row_names()[t.na + t.nx :]
+        wanted = [f"d{name}" for name in t.model.layout.u.names]
+        return [names.index(name) if name in names else -1 for name in wanted]
+
     # --- matrices in the moves, inputs first ------------------------------------------------------
 
     @cached_property
@@ -234,7 +241,8 @@ class ControllerData:
             ("u_high", high[: t.nu], real), ("x_low", low[t.nu + t.na :], real),
             ("x_high", high[t.nu + t.na :], real), ("row_low", row_low, real),
             ("row_high", row_high, real), ("slack_squares", self._squares()[1], real),
-            ("least_input", guard.low, real), ("most_input", guard.high, real),
+            ("rate_row", self._rate_rows(), short), ("least_input", guard.low, real),
+            ("most_input", guard.high, real),
             ("most_fall", guard.fall, real), ("most_rise", guard.rise, real),
             ("share", share, real), ("kind_of", self._kind_of, short),
             ("block_of", solver.blocks, short), ("block_later", self._block_later(), short),

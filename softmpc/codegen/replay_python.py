@@ -18,7 +18,6 @@ from softmpc.codegen.flight_recorder import python_build
 from softmpc.codegen.replay import Outcome
 from softmpc.control.condensing import Program
 from softmpc.control.daqp import Daqp, QpSolution
-from softmpc.control.input_guard import InputGuard
 from softmpc.control.memory import Memory, put_back, remembers
 from softmpc.control.mpc import Mpc
 from softmpc.control.real_time import RealTime
@@ -86,10 +85,7 @@ class PythonPlayer:
         if isinstance(setting, Settings):
             self.qp.daqp.max_iterations = setting.cap or self.qp.as_built
             return
-        guard, widest = self.mpc.guard, InputGuard(self.mpc.ocp)
-        for name, narrower in zip(SIDES, setting.each, strict=True):
-            bound, pick = getattr(widest, name), np.maximum if name in LOWER else np.minimum
-            setattr(guard, name, bound if narrower is None else pick(bound, narrower))
+        self.mpc.set_limits(**dict(zip(SIDES, setting.each, strict=True)))
 
     def step(self, record: StepRecord) -> Outcome:
         late = record.status == LATE

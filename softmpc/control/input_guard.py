@@ -6,6 +6,7 @@ import numpy as np
 
 from softmpc.control.limits import TorqueLimit, TorqueRateLimit
 from softmpc.control.ocp import Ocp
+from softmpc.errors import InputError
 
 __all__ = ["InputGuard"]
 
@@ -24,8 +25,27 @@ class InputGuard:
         own = (
             (arm.torque_min, arm.torque_max) if torque else (arm.pressure_min, arm.pressure_max),
         )
-        self.low, self.high = _tightest(ocp, TorqueLimit, k, own)
-        self.fall, self.rise = _tightest(ocp, TorqueRateLimit, k)
+        self._widest = *_tightest(ocp, TorqueLimit, k, own), *_tightest(ocp, TorqueRateLimit, k)
+        self.narrow()
+
+    def narrow(
+        self, low: Array | None = None, high: Array | None = None, fall: Array | None = None,
+        rise: Array | None = None,
+    ) -> None:  # fmt: skip
+        """Narrower limits of the input and of its change in a step (k each, SI), never wider ones.
+
+        What is None is as wide as it was made. Raises `InputError`, and changes nothing, where a
+        lower limit is not below the upper one or a number is NaN.
+        """
+        found = []
+        for side, (wide, given) in enumerate(
+            zip(self._widest, (low, high, fall, rise), strict=True)
+        ):
+            value = wide if given is None else np.broadcast_to(np.asarray(given, float), wide.shape)
+            found.append(np.minimum(wide, value) if side % 2 else np.maximum(wide, value))
+        if not (np.all(found[0] < found[1]) and np.all(found[2] < found[3])):
+            raise InputError("set_limits: each lower limit must be below the upper one, none NaN")
+        self.low, self.high, self.fall, self.rise = found
 
     def inside(self, u: Array) -> Array:
         """The nearest input within the limits (k)."""

@@ -96,8 +96,18 @@ class Mpc:
         """What solves its quadratic programs; None where there are none."""
         return getattr(self.solver, "qp", None)
 
+    def set_limits(self, **narrower: Array | None) -> None:
+        """Narrower limits, see `InputGuard.narrow`: `low`, `high`, `fall` and `rise`.
+
+        Real-time iteration plans within them; any solver's input is clipped to them.
+        """
+        self.guard.narrow(**narrower)
+        if self._split is not None:
+            self._split.limit_inputs(self.guard)
+
     def reset(self) -> None:
-        """Forget the last plan and input."""
+        """Forget the last plan and input, and narrower limits."""
+        self.set_limits()
         self._plan: Plan | None = None
         self._u: Array | None = None
         self._asked: _Asked | None = None

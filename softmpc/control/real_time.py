@@ -16,6 +16,7 @@ import numpy as np
 
 from softmpc.control.condensing import Condensed, Condensing, Program, block_of_each
 from softmpc.control.daqp import Daqp, QpSolution
+from softmpc.control.input_guard import InputGuard
 from softmpc.control.linearisation import Linearisation, Measured
 from softmpc.control.merit import Limited, Merit, Multipliers, violations
 from softmpc.control.one_thread import one_thread
@@ -87,6 +88,27 @@ class RealTime:
         """Forget what earlier calls left: what was prepared, and the active set."""
         self._prepared: _Prepared | None = None
         self._active: Array | None = None  # multipliers of the last quadratic program
+
+    def limit_inputs(self, guard: InputGuard) -> None:
+        """Plan within these limits of the input, and of its change where the problem limits that.
+
+        They are never wider than the problem's own, and hard.
+        """
+        t, k = self.transcription, self.transcription.inputs
+        scale = t.u_scale[:k]
+        (low, high), rows = t.variable_bounds(), [bound[t.na + t.nx :] for bound in t.row_bounds()]
+        low[:k], high[:k] = (
+            np.maximum(low[:k], guard.low / scale),
+            np.minimum(high[:k], guard.high / scale),
+        )
+        at = {name: i for i, name in enumerate(t.row_names()[t.na + t.nx :])}
+        for i, name in enumerate(t.model.layout.u.names):
+            row = at.get(f"d{name}")
+            if row is not None:
+                rows[0][row] = max(rows[0][row], guard.fall[i] / scale[i])
+                rows[1][row] = min(rows[1][row], guard.rise[i] / scale[i])
+        limited = self.limited
+        self.limited = replace(limited, u=(low[: t.nu], high[: t.nu]), rows=(rows[0], rows[1]))
 
     @one_thread
     def prepare(self, moment: Moment, w: Array) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from softmpc.control.transcription import NonlinearProgram, Transcription
 
 if TYPE_CHECKING:
+    from softmpc.control.input_guard import InputGuard
     from softmpc.control.linearisation import Linearisation
     from softmpc.control.trajectory import Moment
 
@@ -71,6 +72,9 @@ class Split(Solver, Protocol):
 
     def prepare(self, moment: Moment, w: np.ndarray) -> None:
         """All that needs no measurement, around the variables `w`; `moment.x` is expected."""
+
+    def limit_inputs(self, guard: InputGuard) -> None:
+        """Plan within these limits of the input and of its change."""
 
     def feedback(self, x: np.ndarray, time_limit: float | None = None) -> Solution:
         """The rest, for the scaled state x as measured."""

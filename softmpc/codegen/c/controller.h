@@ -61,8 +61,9 @@ void smpc_init(smpc_controller *c);
 void smpc_set_reference(smpc_controller *c, const smpc_real *references);
 
 /* Narrower limits of the input and of its change in one step, SMPC_INPUTS numbers each; NULL keeps
- * those of the scene. They are never wider than the scene's. Returns 0, or -1 and changes nothing
- * where a lower one is not below the upper one or a number is NaN. */
+ * those of the scene. They are never wider than the scene's, and are kept by plans too (that of the
+ * change where the scene limits it). Returns 0, or -1 and changes nothing where a lower one is not
+ * below the upper one or a number is NaN. */
 int smpc_set_limits(
     smpc_controller *c, const smpc_real *low, const smpc_real *high, const smpc_real *fall,
     const smpc_real *rise);

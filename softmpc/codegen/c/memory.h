@@ -117,6 +117,8 @@ typedef struct {
     real last_u[SMPC_INPUTS];
     int has_last;
     real low[SMPC_INPUTS], high[SMPC_INPUTS], fall[SMPC_INPUTS], rise[SMPC_INPUTS];
+    real u_low[SMPC_NU], u_high[SMPC_NU]; /* the same for the program: scaled decisions, */
+    real row_low[SMPC_SIZE(SMPC_ROWS)], row_high[SMPC_SIZE(SMPC_ROWS)]; /* and rows of limits */
     int cap; /* iterations of the quadratic program */
     double (*clock)(void *);
     void *clock_with;

@@ -105,14 +105,13 @@ real smpc_merit(const smpc_controller *c, const smpc_path *at, const smpc_measur
         for (int i = 0; i < nx; i++)
             sum += w->nodes[k][i] * (real)fabs(measured->defects[k][na + i]);
         for (int i = 0; i < nu; i++)
-            sum += w->u[k][i] * smpc_over(at->u[k][i], smpc_u_low[i], smpc_u_high[i]);
+            sum += w->u[k][i] * smpc_over(at->u[k][i], c->u_low[i], c->u_high[i]);
         for (int b = 0; b < SMPC_BOUNDED; b++) {
             const int i = smpc_bounded[b];
             sum += w->x[k][i] * smpc_over(at->x[k][i], smpc_x_low[i], smpc_x_high[i]);
         }
         for (int r = 0; r < SMPC_ROWS; r++)
-            sum += w->rows[k][r] * smpc_over(measured->rows[k][r], smpc_row_low[r],
-                                             smpc_row_high[r]);
+            sum += w->rows[k][r] * smpc_over(measured->rows[k][r], c->row_low[r], c->row_high[r]);
     }
     return measured->cost + sum;
 }
@@ -137,19 +136,18 @@ static real larger(real a, real b)
 }
 
 /* The largest violation of a bound, an equation or a limit. */
-real smpc_worst(const smpc_path *at, const smpc_measured *measured)
+real smpc_worst(const smpc_controller *c, const smpc_path *at, const smpc_measured *measured)
 {
     real most = 0;
     for (int k = 0; k < SMPC_N; k++) {
         for (int i = 0; i < na + nx; i++)
             most = larger(most, (real)fabs(measured->defects[k][i]));
         for (int i = 0; i < nu; i++)
-            most = larger(most, smpc_over(at->u[k][i], smpc_u_low[i], smpc_u_high[i]));
+            most = larger(most, smpc_over(at->u[k][i], c->u_low[i], c->u_high[i]));
         for (int i = 0; i < nx; i++)
             most = larger(most, smpc_over(at->x[k][i], smpc_x_low[i], smpc_x_high[i]));
         for (int r = 0; r < SMPC_ROWS; r++)
-            most = larger(most, smpc_over(measured->rows[k][r], smpc_row_low[r],
-                                          smpc_row_high[r]));
+            most = larger(most, smpc_over(measured->rows[k][r], c->row_low[r], c->row_high[r]));
     }
     return most;
 }

@@ -44,7 +44,7 @@ void smpc_later_active(smpc_program *p);
 void smpc_weigh(smpc_controller *c);
 real smpc_merit(const smpc_controller *c, const smpc_path *at, const smpc_measured *measured);
 real smpc_predicted(const smpc_controller *c, const smpc_path *step);
-real smpc_worst(const smpc_path *at, const smpc_measured *measured);
+real smpc_worst(const smpc_controller *c, const smpc_path *at, const smpc_measured *measured);
 real smpc_over(real value, real low, real high);
 
 /* rollout.c: a trajectory that keeps the equations of motion, from its inputs */

@@ -12,8 +12,10 @@ static int move_of(int k, int i)
     return i < inputs ? block * inputs + i : moved + block * slacks + i - inputs;
 }
 
-static void bound_moves(smpc_program *p, const smpc_path *at)
+static void bound_moves(smpc_controller *c)
 {
+    smpc_program *p = &c->program;
+    const smpc_path *at = &c->at;
     for (int i = 0; i < SMPC_MOVES; i++) {
         p->low[i] = -SMPC_HUGE;
         p->high[i] = SMPC_HUGE;
@@ -21,7 +23,7 @@ static void bound_moves(smpc_program *p, const smpc_path *at)
     for (int k = 0; k < SMPC_N; k++)
         for (int i = 0; i < nu; i++) {
             const int j = move_of(k, i);
-            const real low = smpc_u_low[i] - at->u[k][i], high = smpc_u_high[i] - at->u[k][i];
+            const real low = c->u_low[i] - at->u[k][i], high = c->u_high[i] - at->u[k][i];
             if (low > p->low[j]) p->low[j] = low;
             if (high < p->high[j]) p->high[j] = high;
         }
@@ -43,7 +45,7 @@ void smpc_make_program(smpc_controller *c, const smpc_path *freely)
     smpc_program *p = &c->program;
     real moves[SMPC_N][SMPC_NU] = {{0}};
     memset(c->slope, 0, sizeof c->slope);
-    bound_moves(p, &c->at);
+    bound_moves(c);
     for (int k = 0; k < SMPC_N; k++) {
         real terms[SMPC_SIZE(SMPC_TERMS)];
         smpc_terms_after(&c->linear, k, freely, terms);
@@ -52,8 +54,8 @@ void smpc_make_program(smpc_controller *c, const smpc_path *freely)
         bound_states(p, &c->at, freely, k);
         for (int r = 0; r < SMPC_ROWS; r++) {
             const int row = SMPC_N * SMPC_BOUNDED + k * SMPC_ROWS + r;
-            p->row_low[row] = smpc_row_low[r] - terms[SMPC_RESIDUALS + r];
-            p->row_high[row] = smpc_row_high[r] - terms[SMPC_RESIDUALS + r];
+            p->row_low[row] = c->row_low[r] - terms[SMPC_RESIDUALS + r];
+            p->row_high[row] = c->row_high[r] - terms[SMPC_RESIDUALS + r];
         }
     }
     if (SMPC_END) {

@@ -104,14 +104,14 @@ static int finish(smpc_controller *c, const real *expected, double deadline)
     if (moved_away) look_again(c);
     if (r->qp != SMPC_QP_OPTIMAL) {
         memcpy(&c->there, &c->at, sizeof c->at);
-        r->violation = smpc_worst(&c->at, &c->linear.measured);
+        r->violation = smpc_worst(c, &c->at, &c->linear.measured);
         return 0;
     }
     expand(c, dx);
     smpc_weigh(c);
     r->share = globalise(c, &c->linear.measured);
     r->cost = c->measured.cost;
-    r->violation = smpc_worst(&c->there, &c->measured);
+    r->violation = smpc_worst(c, &c->there, &c->measured);
     r->kkt = slope_left(&c->program);
     if (r->violation > r->kkt) r->kkt = r->violation;
     return smpc_finite(&c->measured);

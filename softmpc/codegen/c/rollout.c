@@ -100,7 +100,7 @@ int smpc_roll(smpc_controller *c, const smpc_moment *m, smpc_path *at)
     for (int k = 0; k < SMPC_N; k++)
         for (int i = 0; i < SMPC_NU; i++) {
             real *u = &at->u[k][i];
-            *u = *u < smpc_u_low[i] ? smpc_u_low[i] : *u > smpc_u_high[i] ? smpc_u_high[i] : *u;
+            *u = *u < c->u_low[i] ? c->u_low[i] : *u > c->u_high[i] ? c->u_high[i] : *u;
         }
     if (!at_once(c, m, at)) return 0;
     memcpy(at->a, c->there.a, sizeof at->a);
