@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import codegen_small as small
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -17,6 +18,7 @@ from softmpc.cli.main import main
 from softmpc.codegen.flight_log import read_log
 from softmpc.codegen.flight_recorder import record
 from softmpc.codegen.flight_writer import FlightWriter
+from softmpc.codegen.replay import Comparison
 from softmpc.codegen.replay_setup import check_problem, scene_of
 from softmpc.control.costs import StrainRate
 from softmpc.control.mpc import Mpc
@@ -24,6 +26,7 @@ from softmpc.control.tracking import read_track_file, set_up
 from softmpc.control.transcription import Transcription
 from softmpc.errors import InputError
 from softmpc.model.model import build
+from softmpc.view.replay import replay_figure
 
 SCENE = """
 title = "Short line"
@@ -144,3 +147,31 @@ def test_code_of_another_controller_is_refused(place: Path, tmp_path: Path) -> N
 def test_an_unknown_controller_is_refused(place: Path) -> None:
     done = softmpc(place / "flight.log", "--with", "python,pyton")
     assert done.exit_code == 2 and "unknown replay: 'pyton'; did you mean 'python'?" in done.stderr
+
+
+def test_the_picture_of_what_differs() -> None:
+    """Differences of all sizes, also infinite and missing ones, and other statuses; pressures."""
+    difference = np.array([0, 1e-12, np.inf, np.nan, 1e-3])
+    odd = compared("c", difference, 0.0, ((2, "failed", "solved"), (4, "failed", "solved")))
+    same = compared("qemu", np.zeros(5), 1e-2, ())
+    time, u = np.arange(5) * 0.1, np.full((5, 3), 2e5)
+    made = replay_figure("Odd", time, u, {"c": u, "qemu": u}, (odd, same), torque=False)
+    made.draw_without_rendering()
+    above, below = made.axes
+    assert above.get_ylabel() == "pressure (MPa)" and below.get_ylabel() == "difference (Pa)"
+    assert np.max([line.get_ydata() for line in above.lines]) == pytest.approx(0.2)
+    assert [text.get_text() for text in above.get_legend().get_texts()] == ["recorded", "c", "qemu"]
+    assert [text.get_text() for text in below.get_legend().get_texts()] == [
+        "c: 1 of 4 the same bits", "c: another status (2)", "qemu: 5 of 5 the same bits",
+        "tolerance 0.01",
+    ]  # fmt: skip
+    low, high = below.get_ylim()
+    shown = below.lines[0].get_ydata()
+    assert shown[0] == low and 1e-3 < shown[2] <= high and np.isnan(shown[3])
+
+
+def compared(name: str, difference: np.ndarray, tolerance: float, statuses: tuple) -> Comparison:
+    there = np.isfinite(difference) | np.isinf(difference)
+    over = tuple(np.flatnonzero(difference > tolerance))
+    steps, bits = int(there.sum()), int((difference == 0).sum())
+    return Comparison(name, steps, 0, False, tolerance, difference, over, statuses, bits)

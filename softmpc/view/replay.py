@@ -10,7 +10,6 @@ import numpy as np
 from softmpc.view.style import (
     ALARM,
     COLOURS,
-    GREY,
     LIMIT,
     dash,
     figure,
@@ -50,8 +49,8 @@ def replay_figure(
     _draw_inputs(axes[0], time, recorded / size, {n: u / size for n, u in replayed.items()})
     label(axes[0], TIME, f"{what[:-1]} ({unit})", f"{what}, recorded and replayed")
     _draw_differences(axes[1], time, comparisons)
-    small = "N·m" if torque else "Pa"
-    label(axes[1], TIME, f"difference ({small})", "largest difference in a step")
+    about = "largest difference in a step; at the lower edge: none"
+    label(axes[1], TIME, f"difference ({'N·m' if torque else 'Pa'})", about)
     for one in axes:
         one.margins(x=0.01)
         one.tick_params(labelbottom=True)
@@ -79,17 +78,17 @@ def _draw_differences(axes: Axes, time: np.ndarray, comparisons: Sequence[Any]) 
     tolerances = [c.tolerance for c in comparisons if c.tolerance > 0]
     every = [*some, *tolerances, 1e-16]
     low, high = 10.0 ** np.floor(np.log10(min(every)) - 1), 10.0 ** np.ceil(np.log10(max(every)))
+    if any(one.statuses for one in comparisons):
+        high *= (high / low) ** 0.25  # room for their marks
     axes.set_yscale("log")
     axes.set_ylim(low, max(10 * low, 10 * high))
     for n, one in enumerate(comparisons):
         look: dict[str, Any] = {"color": COLOURS[n], "marker": MARKS[n % 3], "linestyle": "none"}
         name = f"{one.name}: {one.same_bits} of {one.steps} the same bits"
-        shown = np.where(one.difference <= LEAST, low, one.difference)
+        shown = np.clip(one.difference, low, high)  # infinite ones too
         axes.plot(time, shown, **look, markersize=3.5, label=name, clip_on=False)
         _draw_tolerance(axes, one)
-        _draw_statuses(axes, time, one)
-    axes.text(0.995, 0.02, "lower edge: no difference", transform=axes.transAxes, ha="right",
-              va="bottom", color=GREY, fontsize=8)  # fmt: skip
+        _draw_statuses(axes, time, one, n)
 
 
 def _draw_tolerance(axes: Axes, one: Any) -> None:
@@ -97,8 +96,11 @@ def _draw_tolerance(axes: Axes, one: Any) -> None:
         axes.axhline(one.tolerance, **LIMIT, label=f"tolerance {one.tolerance:g}")
 
 
-def _draw_statuses(axes: Axes, time: np.ndarray, one: Any) -> None:
-    """A line at each step whose status is another one."""
-    for n, (place, _, _) in enumerate(one.statuses):
-        name = "_" if n else f"{one.name}: another status ({len(one.statuses)})"
-        axes.axvline(time[place], color=ALARM, linewidth=0.8, label=name)
+def _draw_statuses(axes: Axes, time: np.ndarray, one: Any, row: int) -> None:
+    """A mark at the upper edge for each step whose status is another one, a row each replay."""
+    places = [place for place, _, _ in one.statuses]
+    if places:
+        height = np.full(len(places), 0.97 - 0.06 * row)
+        look: dict[str, Any] = {"color": ALARM, "marker": "|", "linestyle": "none", "markersize": 9}
+        name = f"{one.name}: another status ({len(places)})"
+        axes.plot(time[places], height, **look, transform=axes.get_xaxis_transform(), label=name)
