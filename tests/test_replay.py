@@ -21,7 +21,6 @@ from softmpc.codegen.flight_format import (
 )
 from softmpc.codegen.flight_log import FlightLog, read_log
 from softmpc.codegen.flight_recorder import record
-from softmpc.codegen.flight_writer import FlightWriter
 from softmpc.codegen.replay import compare, play
 from softmpc.codegen.replay_python import PythonPlayer
 from softmpc.control.baselines import FeedForward
@@ -146,38 +145,14 @@ def test_memory_of_another_controller_is_refused() -> None:
 
 
 def test_limits_of_a_user_hold_in_the_replay(tmp_path: Path) -> None:
-    """Against limits that Python's controller has in its own guard."""
-    low, rise = np.full(3, 0.7), np.full(3, 0.01)
-    mpc = small.controller()
-    with FlightWriter(tmp_path / "a.log", record_header(tmp_path)) as writer:
-        writer.reset()
-        writer.limits(Limits(low=low, rise=rise))
-        mpc.guard.low, mpc.guard.rise = low, rise
-        fly(Written(mpc, writer), 6)
+    with record(small.controller(), tmp_path / "a.log") as recorded:
+        recorded.set_limits(low=np.full(3, 0.7), rise=np.full(3, 0.01))
+        fly(recorded, 6)
     log = read_log(tmp_path / "a.log")
     assert np.min([step.u for step in log.steps]) == 0.7
     assert by_python(log).same_bits == 6
     bare = tuple(event for event in log.events if not isinstance(event, Limits))
     assert not by_python(replace(log, events=bare)).agrees
-
-
-def record_header(folder: Path) -> Any:
-    with record(small.controller(), folder / "header.log"):
-        pass
-    return read_log(folder / "header.log").header
-
-
-class Written:
-    """Writes its steps without a word about anything else."""
-
-    def __init__(self, mpc: Any, writer: FlightWriter) -> None:
-        self.mpc, self.writer = mpc, writer
-
-    def step(self, x: Any, u_before: Any, given: Any) -> Any:
-        step = self.mpc.step(x, u_before, given)
-        source = ("solution", "shifted plan", "held input").index(step.source)
-        self.writer.step(StepRecord(0, x, u_before, given, step.u, 0, 1, source))
-        return step
 
 
 # ---------------------------------------------------------------- compared

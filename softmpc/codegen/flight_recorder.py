@@ -18,6 +18,7 @@ from softmpc.codegen.flight_format import (
     STATUSES,
     UNKNOWN,
     Header,
+    Limits,
     Settings,
     Snapshot,
     StepRecord,
@@ -206,6 +207,11 @@ class Recorded:
         """Rows of the last quadratic program at their bounds, where that is known."""
         active = memory_of(self.controller).active if remembers(self.controller) else None
         return UNKNOWN if active is None else int(np.count_nonzero(active))
+
+    def set_limits(self, **narrower: Any) -> None:
+        """See `Mpc.set_limits`."""
+        self.controller.set_limits(**narrower)
+        self.writer.limits(Limits(**narrower))
 
     def _settings(self) -> Settings:
         """What a user or a fault may change between steps."""
