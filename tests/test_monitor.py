@@ -155,7 +155,7 @@ smooth_start = 0.3
 settle = 0.1
 [track.controller]
 horizon = 6
-back_off = 0.05
+back_off = 0.25
 """
 
 
@@ -172,6 +172,7 @@ def test_the_program_says_what_python_sees(tmp_path: Path) -> None:
     words = ["codegen", str(scene), "--workspace", str(tmp_path / "workspace.npz")]
     done = CliRunner().invoke(main, [*words, "--out", str(out)])
     assert done.exit_code == 0, done.output
+    assert f"good to {1e3 * one.grid_error:.3g} mm" in done.output
     make(out, NOT_OPTIMISED)
     code, said = run(out / "run")
     assert code == 0
@@ -183,9 +184,10 @@ def test_the_program_says_what_python_sees(tmp_path: Path) -> None:
     worst = monitor.worst
     assert worst.back_off is not None and worst.tip_margin is not None and worst.tip_margin > 1e-3
     wanted = [1e3 * worst.tip_margin, 1e3 * worst.reference_margin, 1e2 * worst.pressure_room,
-              1e2 * worst.back_off, worst.reynolds, monitor.mean_iterations]  # fmt: skip
-    print(said, found, wanted)
-    np.testing.assert_allclose(found[:5], wanted[:5], rtol=1e-3, atol=0.51)
+              1e2 * worst.back_off, worst.reynolds]  # fmt: skip
+    print(said, wanted)
+    assert np.all(np.abs(np.subtract(found[:5], wanted)) <= [0.02, 0.02, 0.02, 0.1, 2])
+    assert worst.back_off > 0
     other = replace(one, held={1: 0.0})
     other.save(tmp_path)
     done = CliRunner().invoke(main, [*words, "--out", str(tmp_path / "d")])

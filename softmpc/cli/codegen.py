@@ -68,7 +68,7 @@ def command(
         made = generate_file(
             scene, out, stage(*STAGE), iterations=iterations, max_rows=max_rows, workspace=workspace
         )
-    data = _about(made)
+    data = _about(made) | _margins(out)
     text = _text(data)
     if measured:
         from softmpc.codegen.footprint import footprint, footprint_table
@@ -90,8 +90,35 @@ def _baseline(scene: Path, kind: str, out: Path, workspace: Path | None) -> Answ
     with stages(*STAGE) as stage, errors_in(scene):
         setup = ready(lambda report: set_up(arm, task, progress=report), stage(*STAGE))
         generate_baseline(setup, kind, out, title, space)
-    data = {"folder": str(out), "controller": kind}
-    return Answer(data, table([("controller", kind), ("folder", out), ("to run it", _run(out))]))
+    data = {"folder": str(out), "controller": kind, **_margins(out)}
+    rows = [
+        ("controller", kind),
+        ("margins", _said(data)),
+        ("folder", out),
+        ("to run it", _run(out)),
+    ]
+    return Answer(data, table(rows))
+
+
+def _margins(folder: Path) -> dict[str, float | None]:
+    """How good the monitor's margins are, None without a workspace: what lines between its nodes
+    cut off, and how far tips at rest of its arm and of the controller's model are apart."""
+    from softmpc.codegen.directory_readme import macros_of
+
+    macros = macros_of((folder / "monitor_data.h").read_text(encoding="utf-8"))
+    names = {"margin_error_mm": "REACH_ERROR", "workspace_apart_mm": "REACH_APART"}
+    known = macros["REACH"] == "1"
+    return {key: 1e3 * float(macros[name]) if known else None for key, name in names.items()}
+
+
+def _said(data: dict[str, Any]) -> str:
+    """The same for people."""
+    if data["margin_error_mm"] is None:
+        return "not known: give --workspace"
+    return (
+        f"good to {data['margin_error_mm']:.3g} mm between the places of the workspace, whose tips "
+        f"at rest are up to {data['workspace_apart_mm']:.3g} mm from this model's"
+    )
 
 
 def _run(folder: Path) -> str:
@@ -126,6 +153,7 @@ def _text(data: dict[str, Any]) -> str:
         ("program", f"{data['moves']} moves, {data['rows']} rows of limits"),
         ("condition", f"{data['condition']:.1e} of the scaled Hessian"),
         ("float", single),
+        ("margins", _said(data)),
         ("identity", f"{data['version']}, scene {data['scene_hash']}"),
         ("folder", data["folder"]),
         ("to run it", _run(Path(data["folder"]))),

@@ -64,6 +64,8 @@ class Observed:
 
     `pressure_room` is the distance of the nearest pressure from its limit, a share of the range;
     `back_off` how much of the margin before these limits was used, see `RigResult.back_off`.
+    `iterations` are those that a step counts: of the quadratic program in C, of the nonlinear one
+    in Python.
     """
 
     tip_margin: float | None = None  # m
@@ -71,7 +73,7 @@ class Observed:
     pressure_room: float | None = None
     back_off: float | None = None
     reynolds: float | None = None  # the largest of all tubes
-    iterations: int = 0  # of the quadratic program
+    iterations: int = 0
 
     @property
     def turbulent(self) -> bool:
