@@ -261,7 +261,7 @@ def test_the_program_says_what_the_python_loop_says(
 def test_options_of_the_program(directory: Path, tmp_path: Path) -> None:
     program = directory / "run"
     code, said = run(program, "--steps", "3")
-    assert code == 0 and said.startswith("3 steps: 3 solved")
+    assert code == 0 and said.startswith("3 steps: 3 solved, no tip error counts before 0.1 s,")
     for words, complaint in {
         ("--steps", "0"): "not that many steps: 0",
         ("--steps", "31"): "not that many steps: 31",

@@ -168,14 +168,17 @@ static double quantile(double share)
 static void print_summary(void)
 {
     /* Brackets: real.h may have made a macro of sqrt, for floats. */
-    const double rms = (sqrt)(run.samples ? run.squares / (double)run.samples : 0);
+    const double rms = run.samples ? (sqrt)(run.squares / (double)run.samples) : 0;
     qsort(run.ms, (size_t)run.steps, sizeof *run.ms, by_size);
     printf("%ld steps:", run.steps);
     for (int status = 0; status < STATUSES; status++)
         if (run.statuses[status])
             printf(" %ld %s,", run.statuses[status], smpc_status_name(status));
-    printf(" tip error after %g s: %.6f mm RMS, %.6f mm at most,", (double)SMPC_RUN_SETTLE,
-           1e3 * rms, 1e3 * (sqrt)(run.largest));
+    if (run.samples)
+        printf(" tip error after %g s: %.6f mm RMS, %.6f mm at most,", (double)SMPC_RUN_SETTLE,
+               1e3 * rms, 1e3 * (sqrt)(run.largest));
+    else
+        printf(" no tip error counts before %g s,", (double)SMPC_RUN_SETTLE);
     printf(" step: %.3f ms median, %.3f ms at 99.9 %%\n", quantile(0.5), quantile(0.999));
 }
 
