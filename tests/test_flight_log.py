@@ -14,7 +14,17 @@ import flights
 import numpy as np
 import pytest
 
-from softmpc.codegen.flight_format import MAGIC, Kind, Reset, Settings, Snapshot, StepRecord, frame
+from softmpc.codegen.flight_format import (
+    MAGIC,
+    Header,
+    Kind,
+    Limits,
+    Reset,
+    Settings,
+    Snapshot,
+    StepRecord,
+    frame,
+)
 from softmpc.codegen.flight_log import FlightLog, read_log
 from softmpc.codegen.flight_writer import FlightWriter
 from softmpc.errors import InputError
@@ -134,6 +144,39 @@ def test_other_kinds_of_records_are_skipped(whole: bytes, tmp_path: Path) -> Non
     log = log_of(tmp_path / "a.log", more)
     assert (log.skipped, log.damage) == (1, "")
     assert len(log.steps) == 12 and all(step.whole for step in log.steps)
+
+
+def test_bytes_are_those_of_the_page(tmp_path: Path) -> None:
+    """A log put together by hand, as docs/replay.md has it."""
+    header = Header(2, 2, 1, 1, 0.5, "ab", "1", "me", "tip[1]", "", 4)
+    numbers = {"prepare_seconds": 0.25, "feedback_seconds": 0.5, "kkt": 1.0, "violation": 2.0}
+    first = StepRecord(0, np.array([3.0, 4.0]), np.array([5.0]), np.array([[6.0], [7.0]]),
+                       np.array([8.0]), 1, 5, 2, 9, 10, **numbers, clipped=True)  # fmt: skip
+    second = replace(first, number=1, u_before=first.u, given=np.array([[7.0], [6.5]]))
+    records = [Reset(0), first, second, Limits(high=np.array([11.0])), Settings(0.125, 12)]
+    plan = np.arange(1.0, 4.0)
+    records += [
+        Snapshot(2, 13, 14, 15.0, np.array([16.0]), plan, first.x, np.array([-1.0, 0.0, 1.0]))
+    ]
+    texts = b"\x02ab" + b"\x011" + b"\x02me" + b"\x06tip[1]" + b"\x00"
+    limits, settings = struct.pack("<If", 2, 11), struct.pack("<dI", 0.125, 12)
+    wanted = [
+        (1, struct.pack("<HBBIIIId", 1, 4, 1, 2, 2, 1, 1, 0.5) + texts),
+        (2, struct.pack("<I", 0)),
+        (3, struct.pack("<IBBBBHH", 0, 1, 5, 2, 2, 9, 10) + struct.pack("<ff", 0.25, 0.5)
+            + struct.pack("<ff f ff f", 1, 2, 5, 3, 4, 8) + b"\x03" + struct.pack("<ff", 6, 7)),
+        (3, struct.pack("<IBBBBHH", 1, 1, 5, 2, 3, 9, 10) + struct.pack("<ff", 0.25, 0.5)
+            + struct.pack("<ff ff f", 1, 2, 3, 4, 8) + b"\x02" + struct.pack("<f", 6.5)),
+        (5, limits), (6, settings),
+        (4, struct.pack("<IHHIII", 2, 13, 14, 7, 3, 3)
+            + struct.pack("<f f fff ff", 15, 16, 1, 2, 3, 3, 4) + b"\xff\x00\x01"),
+        (5, limits), (6, settings),
+    ]  # fmt: skip
+    data = bytes.fromhex("89534d50430d0a1a")
+    for kind, payload in wanted:
+        record = b"\x46\x52" + bytes([kind, 0]) + struct.pack("<I", len(payload)) + payload
+        data += record + struct.pack("<I", zlib.crc32(record))
+    assert flights.by_python(tmp_path / "a.log", records, header) == data
 
 
 # ---------------------------------------------------------------- cut and damaged

@@ -93,7 +93,7 @@ def test_the_command_finds_what_differs_and_what_is_damaged(place: Path) -> None
         "python, step 7: iteration cap, input from solution in the log, "
         "solved, input from solution now"
     )
-    assert lines[-2].split() == ["python", "13", "0", "12", "0.001", "0", "step", "7", "1"]
+    assert lines[-2].split() == ["python", "same", "13", "0", "12", "0.001", "0", "step", "7", "1"]
     assert any(line.startswith("damage      at byte ") for line in lines)
     assert "error: python: not what" in done.stderr and "13 steps before it are read" in done.stderr
     assert softmpc(place / "other.log", "--tolerance", "0.01").exit_code == 4  # the status

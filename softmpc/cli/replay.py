@@ -167,13 +167,14 @@ def _text(data: dict[str, Any]) -> str:
 
 def _columns(data: dict[str, Any]) -> list[str]:
     unit = data["unit"]
-    titles = ("replay", "steps", "left out", "same bits", f"largest difference ({unit})",
+    titles = ("replay", "build", "steps", "left out", "same bits", f"largest difference ({unit})",
               f"tolerance ({unit})", "first beyond", "statuses that differ")  # fmt: skip
     cells = [titles]
     for one in data["replays"]:
         first = one["first_that_differs"]
         cells.append((
-            one["by"], str(one["steps"]), str(one["left_out"]), str(one["same_bits"]),
+            one["by"], "same" if one["same_build"] else "other",
+            str(one["steps"]), str(one["left_out"]), str(one["same_bits"]),
             f"{one['largest_difference']:.3g}", f"{one['tolerance']:g}",
             "none" if first is None else f"step {first}", str(len(one["statuses_that_differ"])),
         ))  # fmt: skip
