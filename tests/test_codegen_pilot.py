@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import re
 import shutil
 import subprocess
@@ -12,7 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from softmpc.cli.main import main
 from softmpc.codegen import c_text
 from softmpc.codegen.compiled_pilot import CompiledPilot
 from softmpc.codegen.estimator_pilot import LOG, files
@@ -167,6 +170,24 @@ def test_the_loop_in_single_precision(rig: Rig, folder: Path, pilot: CompiledPil
     assert abs(errors[1] - errors[0]) < 0.1 * errors[0]
     sizes = [int(one.library.smpc_pilot_memory()) for one in (pilot, single)]
     assert 0.49 < sizes[1] / sizes[0] < 0.55
+
+
+@pytest.mark.slow
+def test_track_takes_the_pilot_in_c(folder: Path, rig: Rig) -> None:
+    """`softmpc track --controller c`, against Python's; with a log the controller alone is in C."""
+    path = folder / "short.toml"
+    path.write_text(SCENE.replace("laps = 2", "laps = 0.25"))
+    found = []
+    for more in ((), ("--controller", "c"), ("--controller", "c", "--record", str(folder / "l"))):
+        ended = CliRunner().invoke(main, ["track", str(path), "--json", *more])
+        assert ended.exit_code == 0, ended.output
+        found.append(json.loads(ended.stdout))
+    python, c, recorded = found
+    assert c["controller"] == recorded["controller"] == "real-time in C"
+    assert c["rms_error_mm"] == pytest.approx(python["rms_error_mm"], abs=1e-6)
+    assert recorded["rms_error_mm"] == pytest.approx(python["rms_error_mm"], abs=1e-6)
+    assert c["nis"] == pytest.approx(python["nis"]) and c["estimate_ms_median"] > 0
+    assert (folder / "l").stat().st_size > 1000
 
 
 # ---------------------------------------------------------------- what goes wrong

@@ -154,7 +154,7 @@ def test_the_command_shows_both(
 
         def __exit__(self, *_: object) -> None: ...
 
-    def run(path: Path, tracking: str, how: str | None, checking: str) -> None:
+    def run(path: Path, tracking: str, how: str | None, checking: str, by: object = None) -> None:
         assert checking == "checking the path" and tracking.startswith("tracking")
         raise SceneError("as far as this")
 

@@ -24,8 +24,8 @@ from softmpc.cli.common import (
 )
 
 if TYPE_CHECKING:
+    from softmpc.codegen.in_the_loop import InTheLoop
     from softmpc.control.track_result import TrackResult
-    from softmpc.control.tracking import Deputy
 
 __all__ = ["command"]
 
@@ -93,7 +93,7 @@ def command(
     return _ideal(scene, on_infeasible, against, by, animate, out)
 
 
-def _deputy(scene: Path, language: str, precision: str, record: Path | None) -> Deputy | None:
+def _deputy(scene: Path, language: str, precision: str, record: Path | None) -> InTheLoop | None:
     """Who controls instead of the controller in Python, if anyone does."""
     if language == "python" and precision != "double":
         raise click.UsageError("--precision float is for --controller c: Python works in double")
@@ -105,7 +105,7 @@ def _deputy(scene: Path, language: str, precision: str, record: Path | None) -> 
 
 
 def _on_rig(
-    scene: Path, on_infeasible: str | None, by: Deputy | None, animate: bool, out: Path | None
+    scene: Path, on_infeasible: str | None, by: InTheLoop | None, animate: bool, out: Path | None
 ) -> Answer:
     from softmpc.cli.track_rig import answer, draw_rig, run_on_rig
 
@@ -122,7 +122,7 @@ def _ideal(
     scene: Path,
     on_infeasible: str | None,
     against: bool,
-    by: Deputy | None,
+    by: InTheLoop | None,
     animate: bool,
     out: Path | None,
 ) -> Answer:

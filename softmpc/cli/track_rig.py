@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, OK, Answer, stages, table
 
 if TYPE_CHECKING:
-    from softmpc.control.tracking import Deputy
     from softmpc.rig.result import RigResult
+    from softmpc.rig.rigging import RigDeputy
 
 __all__ = ["answer", "draw_rig", "run_on_rig"]
 
 
-def run_on_rig(scene: Path, on_infeasible: str | None, by: Deputy | None = None) -> RigResult:
+def run_on_rig(scene: Path, on_infeasible: str | None, by: RigDeputy | None = None) -> RigResult:
     """The run, with progress."""
     from softmpc.cli.track import CHECKING
     from softmpc.rig.rigging import run_rig_file

@@ -5,14 +5,17 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from softmpc.codegen.compiled_controller import CompiledController
+from softmpc.codegen.compiled_pilot import CompiledPilot
+from softmpc.codegen.estimator_pilot import files
 from softmpc.codegen.flight_recorder import record
 from softmpc.codegen.generate import generate
 from softmpc.control.tracking import Setup
+from softmpc.rig.rigging import Rig
 
 __all__ = ["InTheLoop"]
 
@@ -48,3 +51,19 @@ class InTheLoop:
                 return
             with record(controller, self.log, self.scene) as recorded:
                 yield recorded
+
+    @contextmanager
+    def on_rig(self, rig: Rig) -> Iterator[Rig]:
+        """The rig under the whole pilot in C: estimator, supervision and controller.
+
+        A log records what the controller is told, so with one the estimator stays in Python.
+        """
+        if self.log is not None or not self.code:
+            with self(rig.setup) as rig.pilot.mpc:
+                yield rig
+            return
+        with tempfile.TemporaryDirectory(prefix="softmpc-") as folder:
+            beside = files(rig.pilot)
+            made = generate(rig.setup, Path(folder) / "pilot", demo=False, beside=beside)
+            pilot: Any = CompiledPilot(made.folder, rig.pilot, single=self.single)
+            yield replace(rig, pilot=pilot)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -15,15 +17,7 @@ from softmpc.control.loop_cost import loop_costs
 from softmpc.control.planned_start import is_at_rest
 from softmpc.control.state_map import StateMap
 from softmpc.control.track_result import TrackResult
-from softmpc.control.tracking import (
-    Deputy,
-    Setup,
-    Tracking,
-    deputy,
-    read_track_file,
-    ready,
-    set_up,
-)
+from softmpc.control.tracking import Setup, Tracking, read_track_file, ready, set_up
 from softmpc.errors import SceneError, errors_in
 from softmpc.estimation.estimator import Estimator
 from softmpc.estimation.process import Process
@@ -41,7 +35,7 @@ from softmpc.rig.scene_table import RigSettings, read_rig
 from softmpc.rig.supervision import Supervisor
 from softmpc.simulation.integrator import Integrator
 
-__all__ = ["Rig", "read_rig_file", "rig_up", "run_rig_file"]
+__all__ = ["Rig", "RigDeputy", "read_rig_file", "rig_up", "run_rig_file"]
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -54,23 +48,33 @@ def read_rig_file(path: str | os.PathLike[str]) -> RigSettings | None:
         return read_rig(document["rig"]) if "rig" in document else None
 
 
+class RigDeputy(Protocol):
+    """Who flies a rig instead of its own pilot."""
+
+    def on_rig(self, rig: Rig) -> AbstractContextManager[Rig]:
+        """The rig with that pilot, or with that pilot's controller."""
+
+
 def run_rig_file(
     path: str | os.PathLike[str],
     progress: Progress | None = None,
     on_infeasible: str | None = None,
     checking: Progress | None = None,
-    by: Deputy | None = None,
+    by: RigDeputy | None = None,
 ) -> RigResult:
-    """Run the scene file's tracking task on its rig; progress and `by` as for `track_file`."""
+    """Run the scene file's tracking task on its rig; progress as for `track_file`.
+
+    `by` has another pilot, or another controller, fly it.
+    """
     title, scene, task = read_track_file(path, on_infeasible)
     settings = read_rig_file(path)
     if settings is None:
         raise SceneError(f"{Path(path)}: [rig] is missing: it says what is measured, and how well")
     with errors_in(path):
         rig = ready(lambda report: rig_up(scene, task, settings, report), checking)
-    with deputy(by, rig.setup) as rig.pilot.mpc:
-        result = rig.run(progress)
-    name = getattr(rig.pilot.mpc, "name", result.track.controller)
+    with nullcontext(rig) if by is None else by.on_rig(rig) as flown:
+        result = flown.run(progress)
+    name = getattr(flown.pilot.mpc, "name", result.track.controller)
     return replace(result, track=replace(result.track, title=title, controller=name))
 
 
