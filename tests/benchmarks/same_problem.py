@@ -52,8 +52,14 @@ class Problem:
         n, layout = self.model.strains, self.model.layout
         off = (self.model.tip(x[:n]) - tip) / by["tip"]
         rates = x[n : 2 * n] / layout.dq.scale / by["strain rate"]
-        effort = u / layout.u.scale / by["torque"]
-        return 0.5 * (ca.sumsqr(off) + ca.sumsqr(rates)), 0.5 * ca.sumsqr(effort)
+        effort = u[: self.t.inputs] / layout.u.scale / by["torque"]
+        return 0.5 * (ca.sumsqr(off) + ca.sumsqr(rates)), 0.5 * ca.sumsqr(effort) + self.excess(u)
+
+    def excess(self, u: Any) -> Any:
+        """Cost of the slacks of soft limits, which are the last of the inputs."""
+        soft = [limit.soft for limit in self.t.ocp.limits if limit.soft is not None]
+        slacks = [u[self.t.inputs + i] for i in range(len(soft))]
+        return sum(0.5 * (s / by) ** 2 + 0.1 * s / by for s, by in zip(slacks, soft, strict=True))
 
 
 class Ours:
@@ -88,13 +94,13 @@ class Theirs:
         discrete = kind != "collocation"
         model = Model("discrete" if discrete else "continuous", "MX")
         x = model.set_variable("_x", "x", shape=(t.nx, 1))
-        u = model.set_variable("_u", "u", shape=(t.inputs, 1))
+        u = model.set_variable("_u", "u", shape=(t.nu, 1))
         tip = model.set_variable("_tvp", "tip", shape=(3, 1))
         if discrete:
             a = model.set_variable("_z", "a", shape=(t.na, 1))
             residuals, after = one_interval(t)(x, u, a)
             model.set_alg("stages", residuals)
-        model.set_rhs("x", after if discrete else problem.model.x_dot(x, u))
+        model.set_rhs("x", after if discrete else problem.model.x_dot(x, u[: t.inputs]))
         model.setup()
         self.mpc = MPC(model)
         how = {} if discrete else {"collocation_type": "radau", "collocation_deg": points}
@@ -103,15 +109,20 @@ class Theirs:
         if discrete:
             self.mpc.scaling["_z", "a"] = t.a_scale
         self._pose(*problem.costs(x, u, tip))
+        if t.objective.rows:  # at the end of the interval, where only our step knows the state
+            self._limit(model)
         self.mpc.setup()
 
     def _pose(self, state: Any, effort: Any) -> None:
         mpc, t = self.mpc, self.problem.t
         mpc.set_objective(mterm=state, lterm=state + effort)
         deviation = next(c.deviation for c in t.ocp.costs if c.name == "torque rate")
-        mpc.set_rterm(u=np.full(t.inputs, 0.5 / deviation**2))  # of the scaled inputs
+        of_change = np.full(t.nu, 0.5 / deviation**2)  # of the scaled inputs
+        of_change[t.inputs :] = 0.0
+        mpc.set_rterm(u=of_change)
         mpc.scaling["_x", "x"], mpc.scaling["_u", "u"] = t.x_scale, t.u_scale
-        mpc.bounds["lower", "_u", "u"], mpc.bounds["upper", "_u", "u"] = 0.0, FULL
+        low, high = (bound[: t.nu] * t.u_scale for bound in t.variable_bounds())
+        mpc.bounds["lower", "_u", "u"], mpc.bounds["upper", "_u", "u"] = low, high
         template = mpc.get_tvp_template()
 
         def references(now: float) -> Any:
@@ -120,6 +131,15 @@ class Theirs:
             return template
 
         mpc.set_tvp_fun(references)
+
+    def _limit(self, model: Any) -> None:
+        t, x, u = self.problem.t, model.x["x"], model.u["u"]
+        after = one_interval(t)(x, u, model.z["a"])[1] / t.x_scale
+        rows = t.objective.limit(0 * u, u / t.u_scale, after, model.tvp["tip"], 1)[0]
+        for sign, bounds in zip((-1, 1), t.row_bounds(), strict=True):
+            for i, bound in enumerate(bounds[t.na + t.nx :]):
+                if np.isfinite(bound):
+                    self.mpc.set_nl_cons(f"limit_{sign}_{i}", sign * rows[i], ub=sign * bound)
 
     def step(self, x: np.ndarray, u: np.ndarray, now: float) -> np.ndarray:
         if not self.mpc.flags["set_initial_guess"]:
