@@ -160,13 +160,14 @@ static void meddle(void)
     static double tick;
     if (chance(0.005)) smpc_init(&controller);
     if (chance(0.02)) narrow();
-    if (chance(0.02)) smpc_set_cap(&controller, chance(0.5) ? 0 : (unsigned)(draw() % 50));
+    if (chance(0.002)) smpc_set_cap(&controller, (unsigned)(draw() % 50));
+    if (chance(0.05)) smpc_set_cap(&controller, 0);
     if (chance(0.05)) smpc_set_limits(&controller, NULL, NULL, NULL, NULL);
-    if (chance(0.02)) {
+    if (chance(0.05)) {
         tick = chance(0.1) ? (double)special_value() : chance(0.5) ? 0 : power_of_ten(-6, 1);
         smpc_set_clock(&controller, ticking, &tick, chance(0.5) ? 1 : (double)special_value());
     }
-    if (chance(0.1)) smpc_set_clock(&controller, NULL, NULL, 0);
+    if (chance(0.05)) smpc_set_clock(&controller, NULL, NULL, 0);
 }
 
 /* New inputs: often near the last ones, so that plans are followed and programs start warm. */
