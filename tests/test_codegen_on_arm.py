@@ -23,6 +23,7 @@ from softmpc.control.ocp import Ocp
 from softmpc.control.real_time import RealTime
 from softmpc.control.tracking import read_track_file, set_up
 from softmpc.control.transcription import Transcription
+from softmpc.model.effects import Gravity, MaterialDamping
 from softmpc.model.model import build as build_model
 from softmpc.model.scene import Scene
 from softmpc.simulation.runge_kutta import RadauIIA
@@ -67,8 +68,8 @@ class Watched:
 
 @cache
 def small() -> tuple[Path, Steps, np.ndarray]:
-    """One section, its directory, and steps towards places in and out of reach."""
-    model = build_model(Scene(arm(PAPER.sections[0])))
+    """One section without inertia, its directory, and steps to places in and out of reach."""
+    model = build_model(Scene(arm(PAPER.sections[0]), effects=(MaterialDamping(), Gravity())))
     t = Transcription(Ocp(model, 5, 0.025, COSTS, LIMITS, grid=(1, 1, 1, 2, 4)))
     mpc = Watched(Mpc(t, RealTime(t, mode="never")))
     start = start_at(model, find_equilibrium(model, np.linspace(0.2e6, 0.4e6, 3)))

@@ -26,8 +26,9 @@ REGIONS = {"flash": "FLASH", "ram": "RAM", "stack": "STACK"}
 ENTRIES = ("smpc_init", "smpc_set_reference", "smpc_prepare", "smpc_feedback")
 ALLOCATORS = ("malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "_sbrk_r", "sbrk")
 BOARD, LIBRARY, MODEL, SOLVER, OWN = "board", "C library", "model", "DAQP", "controller"
-# DAQP moves a row of its working set by taking it out and in again, which may move the next one.
-# They are in order then, so it goes no deeper than there are rows: one more than variables.
+# DAQP moves a row of its working set by taking it out and in again, which may move the next one; it
+# has no bound of its own. Counted is one turn for each row that there may be, one more than
+# variables; on 3000 random states with limits at work it took 2 in double and 8 in float.
 REORDERING = "daqp_pivot_last"
 PREFIX = "arm-none-eabi-"
 
