@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import shutil
 from functools import cache
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from c_plant import CPlant, compiled_plant
 from codegen_line import (
     command,
     controller,
@@ -23,9 +23,8 @@ from codegen_line import (
     scratch,
 )
 
-from softmpc.codegen.compiled_controller import build_library
 from softmpc.codegen.directory import c_source
-from softmpc.codegen.directory_readme import API, macros_of
+from softmpc.codegen.directory_readme import API, directory_readme, macros_of
 from softmpc.codegen.plant import plant_files
 from softmpc.codegen.reference import overlapping, references_of
 from softmpc.compiler import compiler
@@ -54,75 +53,18 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 STEP = 0.025
 AGREES = 1e-7  # m, at the tip; the program's plant is to be within 1e-6
-SHIM = """
-#include "demo/plant.h"
-unsigned long plant_bytes(void) { return sizeof(smpc_plant); }
-"""
-
-
-class CPlant:
-    """A plant in C through ctypes."""
-
-    def __init__(self, library: ctypes.CDLL, model: Model) -> None:
-        self.library, self.model = library, model
-        library.plant_bytes.restype = ctypes.c_ulong
-        library.smpc_plant_state.restype = ctypes.POINTER(ctypes.c_double)
-        self.memory = ctypes.create_string_buffer(library.plant_bytes())
-
-    def init(self, x: Array) -> CPlant:
-        self.library.smpc_plant_init(self.memory, _pointer(x))
-        return self
-
-    def step(self, u: Array, seconds: float) -> int:
-        return self.library.smpc_plant_step(self.memory, _pointer(u), ctypes.c_double(seconds))
-
-    @property
-    def x(self) -> Array:
-        state = self.library.smpc_plant_state(self.memory)
-        return np.ctypeslib.as_array(state, (len(self.model.layout.x),)).copy()
-
-    def tips(self) -> Array:
-        found = np.zeros((len(self.model.scene.manipulator.sections), 3))
-        self.library.smpc_plant_tips(self.memory, _pointer(found))
-        return found
-
-    def seen(self, u: Array, size: int) -> Array:
-        found = np.zeros(size)
-        self.library.smpc_plant_seen(self.memory, _pointer(u), _pointer(found))
-        return found
-
-
-def _pointer(values: Array) -> Any:
-    assert values.dtype == float and values.flags.c_contiguous
-    pointer = values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-    pointer.values = values
-    return pointer
 
 
 @cache
 def plant_of(name: str) -> CPlant:
     """The plant of a scene, compiled; a controller with a slow mode for a drive sees the first."""
     model = build(scene_from_dict(SCENES[name]))
-    return compiled_plant(model, slow() if name == "linear drive" else model)
+    return compiled_plant(model, slow() if name == "linear drive" else model, scratch())
 
 
 @cache
 def slow() -> Model:
     return build(scene_from_dict({"effects": GRAVITY, "actuation": {"kind": "slow-mode"}}))
-
-
-def compiled_plant(plant: Model, seen_by: Model) -> CPlant:
-    folder = scratch()
-    texts = {**plant_files(plant, seen_by), "shim.c": SHIM}
-    for part in ("plant.c", "plant.h", "plant_linear.c", "plant_stages.c", "plant_stages.h"):
-        texts[f"demo/{part}"] = c_source(f"demo/{part}")
-    for path, text in texts.items():
-        (folder / path).parent.mkdir(exist_ok=True)
-        (folder / path).write_text(text, encoding="utf-8")
-    for source in (folder / "demo").glob("*.c"):  # the library is of what lies in one folder
-        lines = f'#include "demo/{source.name}"\n'
-        (folder / f"of_{source.name}").write_text(lines, encoding="utf-8")
-    return CPlant(ctypes.CDLL(str(build_library(folder, ["-O0", f"-I{folder}"]))), plant)
 
 
 def at_rest(model: Model) -> tuple[Array, Array]:
@@ -361,6 +303,21 @@ def test_the_interface_of_the_readme_compiles(tmp_path: Path) -> None:
     flags = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{folder}")
     command("cc", *flags, "-c", str(source), "-o", str(tmp_path / "api.o"))
     assert len(API.splitlines()) <= 18
+
+
+def test_the_readme_says_what_there_is() -> None:
+    folder, model = controller(), line().ocp.model
+    texts = {
+        str(path.relative_to(folder)): path.read_text(encoding="utf-8")
+        for path in folder.rglob("*")
+        if path.is_file() and "build" not in path.parts and path.name not in ("run", "libsmpc.a")
+    }
+    text = directory_readme(model, texts, "Short line")
+    assert "`make float` builds the same" in text and "| `daqp/` |" in text
+    refused = {**texts, "sizes.h": texts["sizes.h"] + '#error "too few digits"\n'}
+    assert "`make float` is refused" in directory_readme(model, refused)
+    alone = {name: part for name, part in texts.items() if "/" not in name}
+    assert "daqp" not in directory_readme(model, alone)
 
 
 def test_the_licence_is_the_projects() -> None:
