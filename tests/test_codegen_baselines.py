@@ -98,13 +98,17 @@ def test_steps_from_anywhere_are_the_same(kind: str) -> None:
             x[rng.integers(len(x))] = rng.choice([np.nan, np.inf, -np.inf])
         if k % 11 == 5:
             u[rng.integers(len(u))] = np.nan
-        found, wanted = in_c.step(x, u, None), python.step(x, u, None)
-        about = ("status", "source", "clipped")
-        assert [getattr(found, a) for a in about] == [getattr(wanted, a) for a in about]
+        if k % 13 == 8:
+            x = 1e300 * x
+        with np.errstate(over="ignore", invalid="ignore"):
+            found, wanted = in_c.step(x, u, None), python.step(x, u, None)
+        status = found.status.partition(":")[0]
+        assert status == wanted.status.partition(":")[0]
+        assert (found.source, found.clipped) == (wanted.source, wanted.clipped)
         np.testing.assert_allclose(found.u, wanted.u, rtol=0, atol=SAME * 2.5)
         assert np.all((found.u >= 0) & (found.u <= 2.5))
-        seen.add((found.status, found.clipped))
-    assert {status for status, _ in seen} == {SOLVED, INPUT_NOT_FINITE}
+        seen.add((status, found.clipped))
+    assert {SOLVED, INPUT_NOT_FINITE} <= {status for status, _ in seen}
     assert (SOLVED, True) in seen and (SOLVED, False) in seen
 
 

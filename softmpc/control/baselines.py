@@ -24,7 +24,7 @@ from softmpc.control.mpc import Mpc
 from softmpc.control.ocp import Ocp
 from softmpc.control.response import Response
 from softmpc.control.rest_path import RestPath
-from softmpc.control.step import INPUT_NOT_FINITE, SOLVED, Step
+from softmpc.control.step import FAILED, INPUT_NOT_FINITE, SOLVED, Step
 from softmpc.control.terminal import Terminal, terminal_cost
 from softmpc.control.tip_gains import tip_gains
 from softmpc.control.transcription import Transcription
@@ -65,11 +65,13 @@ class FeedForward:
         before = self.guard.finite(u_before, self._last)
         finite = bool(np.all(np.isfinite(x)) and np.all(np.isfinite(u_before)))
         wanted = self._input(x, before, self.told(self._time)) if finite else before
+        status, source = (SOLVED, "solution") if finite else (INPUT_NOT_FINITE, "held input")
+        if not np.all(np.isfinite(wanted)):
+            status, source, wanted = f"{FAILED}: no finite input", "held input", before
         self._last = u = self.guard.after(before, wanted)
         self._time += self.ocp.step
-        how = (SOLVED, "solution") if finite else (INPUT_NOT_FINITE, "held input")
         clipped = bool(np.any(u != wanted))
-        return Step(u.copy(), *how, 0.0, time.perf_counter() - began, clipped=clipped)
+        return Step(u.copy(), status, source, 0.0, time.perf_counter() - began, clipped=clipped)
 
     def _input(self, x: Array, u_before: Array, told: dict[str, Array]) -> Array:
         return told["input"]
@@ -158,7 +160,7 @@ class StaticsTable(_AtPlaces):
         """The input for the next step; its time counts from `reset`."""
         before = self._sum
         taken = super().step(x, u_before, given)
-        if taken.clipped:
+        if taken.clipped or not taken.solved:
             self._sum = before
         return taken
 
