@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -161,6 +160,19 @@ def test_a_folder_without_a_recorder_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("cc", [pytest.param(cc, marks=small.needs(cc)) for cc in small.COMPILERS])
+def test_the_program_of_the_page_under_sanitizers(cc: str, tmp_path: Path) -> None:
+    """The log it gives has the bits of any other build."""
+    (tmp_path / "page.c").write_text(source_of_the_page())
+    flags = ("-O1", *small.SANITIZERS)
+    made = small.program(small.folder(), [tmp_path / "page.c"], tmp_path / "objects", flags, cc=cc)
+    (tmp_path / "ring.log").write_bytes(small.run([str(made)]))
+    log = read_log(tmp_path / "ring.log")
+    found = compare(log, play(log, CPlayer(small.folder(), small.transcription(), log)), 0.0)
+    assert found.agrees and found.steps > 40
+
+
+@pytest.mark.slow
 @small.needs("arm-none-eabi-gcc", "qemu-system-arm")
 def test_the_board_gives_the_same_bits(by_c: FlightLog) -> None:
     """Up to the first step in which the clock decided, and from the reset on."""
@@ -168,22 +180,26 @@ def test_the_board_gives_the_same_bits(by_c: FlightLog) -> None:
     assert found.agrees and found.steps == 5 + 6 and found.left_out == 29
 
 
+def source_of_the_page() -> str:
+    page = (Path(__file__).parents[1] / "docs" / "replay.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
+    return source
+
+
 @needs_compiler
 @pytest.mark.parametrize("size", [40000, 6000])
 def test_the_program_of_the_page(size: int, tmp_path: Path) -> None:
     """What docs/replay.md says of a board: a log from a ring, replayed from its first snapshot."""
-    page = (Path(__file__).parents[1] / "docs" / "replay.md").read_text(encoding="utf-8")
-    (source,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
-    (tmp_path / "page.c").write_text(source.replace("40000", str(size)))
+    (tmp_path / "page.c").write_text(source_of_the_page().replace("40000", str(size)))
     library = build_library(small.folder())
     command = [*compiler().command, "-std=c99", "-Wall", "-Wextra", "-Werror",
                f"-I{small.folder()}", str(tmp_path / "page.c"), str(library),
                f"-Wl,-rpath,{library.parent}", "-lm", "-o", str(tmp_path / "page")]  # fmt: skip
     small.run(command)
-    done = subprocess.run([str(tmp_path / "page")], capture_output=True, check=True)
-    (tmp_path / "ring.log").write_bytes(done.stdout)
+    printed = small.run([str(tmp_path / "page")])
+    (tmp_path / "ring.log").write_bytes(printed)
     log = read_log(tmp_path / "ring.log")
-    assert len(done.stdout) < size + 300 and log.damage == ""
+    assert len(printed) < size + 300 and log.damage == ""
     assert log.steps[-1].number == 199 and log.steps[0].number > 0
     player = CPlayer(small.folder(), small.transcription(), log)
     if size == 6000:  # too small for a snapshot and what follows it
