@@ -10,6 +10,7 @@ import codegen_small as small
 import numpy as np
 import pytest
 from codegen_small import COMPILERS, SANITIZERS, SINGLE, STRICT, needs
+from codegen_stack import FLAGS, Stack
 
 from softmpc.codegen.emulate import read_sizes
 
@@ -17,16 +18,15 @@ from softmpc.codegen.emulate import read_sizes
 MEMORY = {"memcpy", "memset", "memmove", "memcmp", "strlen"}
 MATHEMATICS = {
     "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "expm1",
-    "log", "log1p", "sqrt", "fabs", "floor", "ceil", "fmin", "fmax", "pow", "fmod", "hypot", "sincos",
+    "log", "log1p", "sqrt", "fabs", "floor", "ceil", "fmin", "fmax", "pow", "fmod", "hypot",
+    "sincos",
 }  # fmt: skip
 LIBRARY = MEMORY | MATHEMATICS | {f"{name}f" for name in MATHEMATICS} | {"_GLOBAL_OFFSET_TABLE_"}
 ENTRIES = (
     "smpc_init", "smpc_set_reference", "smpc_set_limits", "smpc_prepare", "smpc_feedback",
     "smpc_step",
 )  # fmt: skip
-REORDERING = ("daqp_pivot_last", "daqp_remove_constraint", "daqp_add_constraint_keep_slack")
 STACK = 64 * 1024  # bytes that a call may take
-RED_ZONE = 128  # bytes below the stack pointer that some processors let a last function use
 STEPS, COUNT, RANDOM = 60, 40, 10_000
 
 
@@ -39,7 +39,7 @@ def recorded() -> tuple[np.ndarray, np.ndarray]:
 def objects(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """As for a release, with what the compiler says of frames and calls."""
     into = tmp_path_factory.mktemp("objects")
-    flags = ["-O2", "-ffp-contract=off", "-fcallgraph-info=su"]
+    flags = ["-O2", "-ffp-contract=off", *FLAGS]
     return small.compile_objects(small.sources(small.folder()), into, flags)
 
 
@@ -210,46 +210,11 @@ def test_objects_are_small(objects: list[Path]) -> None:
 # ---------------------------------------------------------------- a bounded stack
 
 
-def frames(objects: list[Path]) -> tuple[dict[str, int], dict[str, set[str]]]:
-    """Bytes of the frame of each function, and whom it calls; without the names of files."""
-    bytes_: dict[str, int] = {}
-    calls: dict[str, set[str]] = {}
-    node = r'node: { title: "([^"]+)" label: "[^"]*?(\d+) bytes \(([\w,]+)\)"'
-    for file in objects:
-        text = re.sub(r'"/[^"]*/(\w+\.c:)', r'"\1', file.with_suffix(".ci").read_text())
-        for name, size, kind in re.findall(node, text):
-            assert kind in ("static", "dynamic,bounded"), f"{name}: its frame is {kind}"
-            bytes_[name] = int(size)
-        for caller, called in re.findall(r'sourcename: "([^"]+)" targetname: "([^"]+)"', text):
-            calls.setdefault(caller, set()).add(called)
-    return bytes_, calls
-
-
-class Stack:
-    """The deepest stack of a function; DAQP alone has some that call each other, see `turns`."""
-
-    def __init__(self, objects: list[Path], turns: int) -> None:
-        self.sizes, self.calls = frames(objects)
-        self.group = {name for name in self.sizes if name.endswith(REORDERING)}
-        assert len(self.group) == len(REORDERING)
-        self.turns = turns * sum(self.sizes[name] for name in self.group)
-
-    def of(self, name: str, path: tuple[str, ...] = ()) -> int:
-        """Of the C library only what calls push."""
-        assert name not in path, f"recursion: {' > '.join(path)} > {name}"
-        if name in self.group:
-            called = {c for one in self.group for c in self.calls.get(one, ())} - self.group
-            frame, path = self.turns, (*path, *self.group)
-        else:
-            called, frame = self.calls.get(name, set()), self.sizes.get(name, 8)
-        return frame + max((self.of(other, (*path, name)) for other in called), default=0)
-
-
 @needs("gcc")
 def test_the_stack_is_bounded(objects: list[Path]) -> None:
     """DAQP reorders its active constraints by recursion, at most once for each."""
     stack = Stack(objects, read_sizes(small.folder())["MOVES"] + 2)
-    found = {name: stack.of(name) + RED_ZONE for name in ENTRIES}
+    found = {name: stack.of(name) for name in ENTRIES}
     print(found)
     assert 1000 < found["smpc_step"] < STACK
     assert found["smpc_set_limits"] < 1024

@@ -6,8 +6,8 @@
 Generates the controller of a scene (examples/figure_eight.toml), compiles it with `tests/codegen_c/
 fuzz.c`, which says what is drawn and checked, and runs it: as for a release, or with `--sanitize`
 under the address and undefined-behaviour sanitizers. Prints how long the compiler takes for the
-directory, file by file, how large its objects are, and the longest step. The steps are shared among
-the workers, each with a seed of its own. Ends with 1 where a step was wrong or took longer than
+directory, how large its objects are, the stack of a step, and the longest step. The workers share
+the steps, each with a seed of its own. Ends with 1 where a step was wrong or took longer than
 `--budget` s of CPU time.
 """
 
@@ -24,7 +24,9 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from softmpc.codegen.emulate import read_sizes
 from softmpc.codegen.generate import generate_file
+from tests.codegen_stack import FLAGS, Stack
 
 ROOT = Path(__file__).parents[2]
 FUZZ = ROOT / "tests" / "codegen_c" / "fuzz.c"
@@ -40,26 +42,39 @@ CHECKED = (
 
 
 def compiled(folder: Path, cc: str, flags: Sequence[str]) -> Path:
-    """The program; says what compiling took and made."""
-    into, began = folder / "fuzz", _children()
-    into.mkdir()
-    objects = [into / f"{source.stem}.o" for source in sorted(folder.glob("*.c"))]
-    longest = (0.0, "")
-    for made in objects:
-        before = _children()
-        _run([cc, *flags, "-c", str(folder / f"{made.stem}.c"), "-o", str(made)])
-        longest = max(longest, (_children() - before, made.stem))
-    took = _children() - began
-    rows = _run(["size", *map(str, objects)]).splitlines()[1:]
-    code, data, bss = (sum(int(row.split()[i]) for row in rows) for i in range(3))
+    """The program; says what compiling the directory took and made."""
     print(f"{cc} {' '.join(flags)}")
-    print(
-        f"  {took:.1f} s of CPU time for {len(objects)} files ({longest[0]:.1f} s for "
-        f"{longest[1]}.c); {code / 1024:.0f} KiB of code and constants, {data + bss} bytes of data"
-    )
-    program = into / "program"
-    _run([cc, *flags, f"-I{folder}", str(FUZZ), *map(str, objects), "-o", str(program), "-lm"])
+    parts = {"controller": sorted(folder.glob("*.c"))}
+    parts |= {of: sorted((folder / of).glob("*.c")) for of in ("arm", "demo")}
+    objects = {
+        name: _objects(folder, files, folder / "fuzz" / name, [cc, *flags])
+        for name, files in parts.items()
+    }
+    program = folder / "fuzz" / "program"
+    own = [str(FUZZ), *map(str, objects["controller"])]
+    _run([cc, *flags, f"-I{folder}", *own, "-o", str(program), "-lm"])
+    if FLAGS[0] in flags:
+        stack = Stack(objects["controller"], read_sizes(folder)["MOVES"] + 2)
+        calls = ("smpc_prepare", "smpc_feedback", "smpc_step")
+        print("  stack: " + ", ".join(f"{name} {stack.of(name)} bytes" for name in calls))
     return program
+
+
+def _objects(folder: Path, files: Sequence[Path], into: Path, words: list[str]) -> list[Path]:
+    into.mkdir(parents=True)
+    made, began, longest = [into / f"{file.stem}.o" for file in files], _children(), (0.0, "")
+    for file, there in zip(files, made, strict=True):
+        before = _children()
+        _run([*words, f"-I{folder}", "-c", str(file), "-o", str(there)])
+        longest = max(longest, (_children() - before, file.name))
+    took = _children() - began
+    rows = _run(["size", *map(str, made)]).splitlines()[1:]
+    total = sum(int(row.split()[0]) + int(row.split()[1]) for row in rows)  # code and constants
+    print(
+        f"  {into.name}: {took:.1f} s of CPU time for {len(files)} files ({longest[0]:.1f} s for "
+        f"{longest[1]}), {total / 1024:.0f} KiB"
+    )
+    return made
 
 
 def _children() -> float:
@@ -103,6 +118,7 @@ def main() -> int:
     parser.add_argument("--sanitize", action="store_true")
     args = parser.parse_args()
     flags = [*(CHECKED if args.sanitize else RELEASE), *(SINGLE[args.cc] if args.float else ())]
+    flags += FLAGS if args.cc == "gcc" and not args.sanitize else ()
     with tempfile.TemporaryDirectory(prefix="softmpc-fuzz-") as scratch:
         folder = Path(scratch) / "controller"
         generate_file(args.scene, folder)
