@@ -7,20 +7,33 @@ import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from softmpc import Scene, build
 from softmpc.codegen import c_text
 from softmpc.codegen.estimator_data import Window, files
 from softmpc.codegen.model_functions import _stage, sources
+from softmpc.control.closed_loop import Start, start_at
 from softmpc.estimation.estimator import Estimate, Estimator
+from softmpc.estimation.process import Process, ProcessNoise
 from softmpc.estimation.sensing import Sample
+from softmpc.estimation.sensors import Sensor
+from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
+from softmpc.model.payload import Payload
+from softmpc.rig.faults import SensorFault
+from softmpc.rig.machine import Link, Machine
+from softmpc.simulation.idas import Idas
+from softmpc.statics.equilibrium import find_equilibrium
 
 Array = np.ndarray
+STEP = 25  # ticks
+PRESSURES = [3e5, 1e5, 0, 2e5, 0, 4e5]
 C_SOURCES = Path(files.__code__.co_filename).parent / "c"
 OWN = (
     "estimator.c", "estimator_drive.c", "estimator_knots.c", "estimator_step.c",
@@ -160,3 +173,94 @@ class CEstimator:
     @property
     def contradicted(self) -> int:
         return int(self.library.smpc_estimator_contradicted(self.memory))
+
+
+# ---------------------------------------------------------------- both, told the same
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an estimator hears at a step of the controller, and the input that follows."""
+
+    tick: int
+    samples: list[Sample]
+    u: np.ndarray
+
+
+@dataclass(frozen=True)
+class Case:
+    """An estimator in both languages, and where it begins."""
+
+    python: Estimator
+    c: CEstimator
+    start: Start
+    folder: Path
+    sources: list[Path]
+
+    def reset(self) -> None:
+        self.python.reset(self.start.x, self.start.u)
+        assert self.c.reset(self.start.x, self.start.u) == 0
+
+
+def estimator_of(model: Model, sensors: Sequence[Sensor]) -> Estimator:
+    process = Process(model, Disturbance.of(model.scene), ProcessNoise(), "never")
+    return Estimator(process, sensors)
+
+
+def start_of(model: Model) -> Start:
+    return start_at(model, find_equilibrium(model, PRESSURES))
+
+
+def case_of(folder: Path, scene: Scene, sensors: Sequence[Sensor], window: Window) -> Case:
+    model = build(scene)
+    estimator = estimator_of(model, sensors)
+    sources = write(folder, estimator, window)
+    c = CEstimator(built(folder, sources, "double.so", "-O0"), estimator)
+    return Case(estimator, c, start_of(model), folder, sources)
+
+
+def recorded(
+    model: Model, sensors: Sequence[Sensor], faults: Sequence[SensorFault], steps: int
+) -> list[Told]:
+    """Of a plant with a payload that the estimator does not know, swinging."""
+    scene = replace(model.scene, effects=(*model.scene.effects, Payload(0.2)))
+    plant = build(scene)
+    machine, start = Machine({"": Idas(plant, 1e-6)}, sensors, Link(), faults, 5), start_of(plant)
+    machine.reset(start.x, start.u)
+    found = []
+    for k in range(steps):
+        u = start.u * (1 + 0.2 * np.sin(0.6 * k + np.arange(len(start.u))))
+        found.append(Told(STEP * k, machine.arrived(), u))
+        machine.command(u)
+        machine.run(STEP)
+    return found
+
+
+def apart(one: Estimate, other: Estimate | int, scale: np.ndarray) -> tuple[float, float]:
+    """How far states are apart, scaled, and covariances, as correlations."""
+    assert isinstance(other, Estimate), f"trouble {other}"
+    deviations = np.sqrt(np.diag(one.P))
+    state = max(np.abs((one.x - other.x) / scale).max(), np.abs(one.d - other.d).max(initial=0.0))
+    return float(state), float(np.abs((one.P - other.P) / np.outer(deviations, deviations)).max())
+
+
+def same(case: Case, told: Sequence[Told], ahead: int = 7) -> tuple[float, float]:
+    """The largest differences along a record; health and doubts are equal at each step."""
+    case.reset()
+    python, c, worst = case.python, case.c, (0.0, 0.0)
+    scale = python.model.layout.x.scale
+    for one in told:
+        python.receive(one.samples)
+        c.receive(one.tick, one.samples)
+        inputs = [(one.tick + 3, one.u)]
+        for found, other in (
+            (python.estimate(one.tick), c.estimate(one.tick)),
+            (python.ahead(one.tick + ahead, inputs), c.ahead(one.tick + ahead, inputs)),
+        ):
+            worst = tuple(map(max, worst, apart(found, other, scale)))
+        assert [health.good for health in python.health] == c.good()
+        assert [+health.reasons for health in python.health] == c.reasons()
+        assert (python.contradicted or [-(2**31)])[-1] == c.contradicted
+        python.applied(one.u, one.tick)
+        assert c.applied(one.u, one.tick) == 0
+    return worst

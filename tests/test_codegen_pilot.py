@@ -38,8 +38,8 @@ from softmpc.rig.faults import (
 )
 from softmpc.rig.result import RigResult
 from softmpc.rig.rigging import Rig, read_rig_file, rig_up
-from softmpc.rig.supervision import Condition, State, Supervision, Supervisor
-from tests.c_estimator import C_SOURCES, COMPILER, OF_FLOAT, STRICT
+from softmpc.rig.supervision import State
+from tests.c_estimator import COMPILER, OF_FLOAT, STRICT
 
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="needs gcc or clang")
 SCENE = """
@@ -297,49 +297,7 @@ def test_random_readings_under_sanitizers(
     assert int(counts["trouble the time is forgotten"]) > 2
 
 
-# ---------------------------------------------------------------- supervision, alone
-
-
-class CCondition(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_int) for name in ("state", "cause", "detail")]
-
-
-def supervision(folder: Path, rig: Rig, settings: Supervision) -> ctypes.CDLL:
-    """A library of the state machine with these settings."""
-    usual, rig.pilot.supervisor.settings = rig.pilot.supervisor.settings, settings
-    try:
-        (folder / "supervision_sizes.h").write_text(files(rig.pilot)["supervision_sizes.h"])
-    finally:
-        rig.pilot.supervisor.settings = usual
-    source, library = C_SOURCES / "supervision.c", folder / "s.so"
-    command = [str(COMPILER), *STRICT, "-shared", "-fPIC", f"-I{folder}", str(source)]
-    subprocess.run([*command, "-o", str(library)], check=True)
-    return ctypes.CDLL(str(library))
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [Supervision(), Supervision(resume=False, stop_after=0.3), Supervision(recover_after=0.07)],
-)
-def test_the_same_states_for_any_conditions(
-    settings: Supervision, rig: Rig, tmp_path: Path
-) -> None:
-    """Tick by tick over random conditions, at steps of any length."""
-    library, random = supervision(tmp_path, rig, settings), np.random.default_rng(3)
-    python, memory, tick = Supervisor(settings), ctypes.create_string_buffer(4096), 0
-    library.smpc_supervisor_reset(memory, 0)
-    for k in range(4000):
-        likely = 0.5 if k // 50 % 3 else 0.02
-        wrong = [s for s in (1, 2, 1) if random.random() < likely]
-        given = (CCondition * 4)(*(CCondition(s, 7 - i, i) for i, s in enumerate(wrong)))
-        state = library.smpc_supervisor_update(memory, tick, given, len(wrong))
-        found = python.update(tick, [Condition(State(s), str(i)) for i, s in enumerate(wrong)])
-        assert state == found
-        tick += int(random.integers(1, 40))
-        if k % 1000 == 999:
-            python.reset(tick)
-            library.smpc_supervisor_reset(memory, tick)
-    assert library.smpc_supervisor_changes(memory) == len(python.log)
+# ---------------------------------------------------------------- the C itself
 
 
 def test_names_of_states_and_causes(pilot: CompiledPilot) -> None:

@@ -50,7 +50,8 @@ static smpc_sample reading(int32_t tick, int bad)
     one.sensor = bad && !draw(4) ? (int32_t)draw(9) - 4 : sensor;
     one.stamp = bad && draw(2) ? odd_tick(tick) : tick - 5 * (int32_t)draw(6);
     for (int i = 0; i < SMPC_LARGEST_READING; i++)
-        one.value[i] = nominal_reading[sensor][i] + nominal_noise[sensor] * ((int)draw(200) - 100) / 60;
+        one.value[i] =
+            nominal_reading[sensor][i] + nominal_noise[sensor] * ((int)draw(200) - 100) / 60;
     if (bad && draw(2)) spoil(one.value, SMPC_LARGEST_READING);
     return one;
 }

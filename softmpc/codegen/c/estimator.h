@@ -1,4 +1,4 @@
-/* An extended Kalman filter for strains, rates, drive and a disturbance, from readings that may come
+/* An extended Kalman filter for strains, rates, drive and a disturbance, from readings that may be
  * late. Each counts for the time at which it was taken: the filter goes back to what it believed
  * just before, for up to SMPC_MEMORY ticks, and comes forward again through all it has heard since.
  *
@@ -193,9 +193,9 @@ int32_t smpc_estimator_contradicted(const smpc_estimator *e);
 int32_t smpc_estimator_left_out(const smpc_estimator *e, int sensor, int reason);
 
 /* For those who cannot read the struct: bytes of an estimator and of a sample; state, disturbance
- * and covariance (scaled, SMPC_FILTERED^2) of e->now or e->ahead; the tick of a sensor's last reading
- * that counted; of knot i (the oldest is 0) its tick, and for each sensor the normalised square of
- * its innovation, below 0 where it has none, and whether it was rejected: 0 where there is no such
+ * and covariance (scaled, SMPC_FILTERED^2) of e->now or e->ahead; the tick of a sensor's last good
+ * reading; of knot i (the oldest is 0) its tick, and for each sensor the normalised square of its
+ * innovation, below 0 where it has none, and whether it was rejected: 0 where there is no such
  * knot. */
 unsigned long smpc_estimator_memory(void);
 unsigned long smpc_sample_memory(void);

@@ -75,8 +75,8 @@ static int estimate(smpc_pilot *p, int32_t tick, const smpc_sample *samples, int
     return smpc_estimator_ahead(e, tick + SMPC_DELAY, p->pending, p->pending_count);
 }
 
-/* What is believed of when the input will act: of now where the filter has begun anew, at rest where
- * the reference is. */
+/* What is believed of when the input will act: of now where the filter has begun anew, at rest
+ * where the reference is. */
 static const smpc_belief *expected(
     smpc_pilot *p, int32_t tick, const smpc_sample *samples, int count)
 {

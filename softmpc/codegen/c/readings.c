@@ -1,9 +1,9 @@
 /* Readings: what can be said of one without a model, what was expected of it, how much it counts.
  *
- * A jump tells a wrong reading from a wrong model: the arm moves, however wrong the estimate is, and
- * a camera that was hit is there at once. What follows a jump is left out until readings jump again,
- * or for some time. One that is absurdly far from what is expected is left out. One that is only
- * too far counts as if it were at the edge of what is likely: its gain is as much smaller. */
+ * A jump tells a wrong reading from a wrong model: the arm moves, however wrong the estimate is,
+ * and a camera that was hit is there at once. What follows a jump is left out until readings jump
+ * again, or for some time. One that is absurdly far from what is expected is left out. One that is
+ * only too far counts as if it were at the edge of what is likely: its gain is as much smaller. */
 #include "estimator_parts.h"
 
 #include <string.h>
@@ -81,7 +81,8 @@ static real linear_row(smpc_look *look, int row, int source, const real *at, con
         set_row(look, row, H->column[p], H->value[p]);
         y += H->value[p] * at[H->column[p]];
     }
-    for (int p = D->start[source]; p < D->start[source + 1]; p++) y += D->value[p] * u[D->column[p]];
+    for (int p = D->start[source]; p < D->start[source + 1]; p++)
+        y += D->value[p] * u[D->column[p]];
     return y;
 }
 

@@ -35,7 +35,7 @@ static const smpc_condition *worst_of(const smpc_condition *conditions, int coun
     return worst;
 }
 
-/* Whether it may leave its state for a better one: a safe stop not for fall-back, which led there. */
+/* Whether it may leave for a better state: a safe stop not for fall-back, which led there. */
 static int may_leave(const smpc_supervisor *s, int allowed)
 {
     if (allowed >= s->state) return 0;

@@ -2,7 +2,7 @@
  *
  *     normal      the controller runs on the estimate
  *     degraded    it still does, on less: a sensor is silent, or a step of the solver failed
- *     fall-back   estimate or solver cannot be trusted: the input is what holds the reference at rest
+ *     fall-back   estimate or solver cannot be trusted: the reference stands still
  *     safe stop   too long in fall-back: inputs are ramped to the arm at rest
  *
  * The worst condition that holds decides; the way back up takes a while of good conditions.
@@ -41,7 +41,7 @@ typedef struct {
 typedef struct {
     int32_t tick;
     int before, after;
-    int cause, detail; /* a better state: what is left of what was wrong, SMPC_ALL_WELL if nothing */
+    int cause, detail; /* towards a better state: what is left of what was wrong */
     int too_long;      /* it was in fall-back for too long */
 } smpc_transition;
 
