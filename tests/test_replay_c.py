@@ -49,6 +49,8 @@ def by_c(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
 
         def before(k: int) -> Any:
             now.jump = 2.0 if k in (5, 6, 33) else 0.0
+            recorded.qp.max_iterations = 1 if k in (21, 22, 30, 31) else 0
+            recorded.budget = None if k in (36, 37) else 1.0
             if k == 22:
                 recorded.set_limits(low=np.full(3, 0.1), rise=np.full(3, 0.05))
             if k == 34:
@@ -72,7 +74,9 @@ def test_c_gives_the_same_bits(by_c: FlightLog) -> None:
     assert by_c.header.writer == "C" and by_c.damage == ""
     assert {type(event) for event in by_c.events} == {StepRecord, Reset, Snapshot, Limits, Settings}
     statuses = [STATUSES[step.status] for step in by_c.steps]
-    assert {"solved", "budget overrun", "input not finite"} == set(statuses)
+    assert {"solved", "iteration cap", "budget overrun", "input not finite"} == set(statuses)
+    timed = [bool(np.isfinite(step.prepare_seconds)) for step in by_c.steps]
+    assert [k for k, clock in enumerate(timed) if not clock] == [36, 37]
     found = compare(by_c, play(by_c, CPlayer(small.folder(), small.transcription(), by_c)))
     assert found.same_build and found.agrees
     assert (found.steps, found.same_bits) == (40, 40)
@@ -175,9 +179,9 @@ def test_the_program_of_the_page_under_sanitizers(cc: str, tmp_path: Path) -> No
 @pytest.mark.slow
 @small.needs("arm-none-eabi-gcc", "qemu-system-arm")
 def test_the_board_gives_the_same_bits(by_c: FlightLog) -> None:
-    """Up to the first step in which the clock decided, and from the reset on."""
+    """Up to where the clock decided, and from the reset to where a user set something."""
     found = compare(by_c, through_qemu(by_c, small.folder()), 1e-10)
-    assert found.agrees and found.steps == 5 + 6 and found.left_out == 29
+    assert found.agrees and found.steps == 5 + 2 and found.left_out == 33
 
 
 def source_of_the_page() -> str:

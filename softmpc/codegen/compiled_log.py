@@ -16,7 +16,7 @@ from softmpc.codegen.flight_writer import LogFile
 from softmpc.control.step import Step
 from softmpc.errors import BuildError
 
-__all__ = ["CompiledRecorder", "header_of", "restore", "set_cap"]
+__all__ = ["CompiledRecorder", "header_of", "restore"]
 
 SINK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)
 RECORDER_BYTES = 1024  # of a recorder beside its references and inputs
@@ -50,11 +50,6 @@ def restore(controller: CompiledController, snapshot: Snapshot) -> bool:
     return int(function(controller._at, ctypes.byref(told))) == 0
 
 
-def set_cap(controller: CompiledController, cap: int) -> None:
-    """The most iterations of its quadratic program in a step; 0: as built."""
-    _function(controller, "smpc_set_cap")(controller._at, ctypes.c_uint(cap))
-
-
 class CompiledRecorder:
     """A controller in C with a recorder in C beside it, which writes a log as it goes.
 
@@ -72,6 +67,7 @@ class CompiledRecorder:
         self._sink = SINK(lambda _, data, count: self._record.extend(ctypes.string_at(data, count)))
         self._steps = 0
         self._u_before: Any = None
+        self._usual = self._known = self._settings()
         file.put(put_header(replace(header_of(controller), scene=scene)))
         self._call("smpc_recorder_init", self._sink, None)
 
@@ -83,9 +79,19 @@ class CompiledRecorder:
         """The problem."""
         return self.controller.ocp
 
+    @property
+    def budget(self) -> float | None:
+        """The time (s) that a step may take; None sets none."""
+        return self.controller.budget
+
+    @budget.setter
+    def budget(self, budget: float | None) -> None:
+        self.controller.budget = budget
+
     def reset(self) -> None:
         """Forget what was before."""
         self.controller.reset()
+        self._known = self._usual  # what is still set is written once more
         self._call("smpc_record_reset")
 
     def set_limits(self, *limits: Any, **named: Any) -> None:
@@ -100,6 +106,9 @@ class CompiledRecorder:
 
     def prepare(self, given: Any, u_before: Any = None) -> None:
         """See `CompiledController.prepare`."""
+        if self._settings() != self._known:
+            self._known = self._settings()
+            self._call("smpc_log_settings", self.controller._at)
         self._u_before = self.controller._last if u_before is None else u_before
         self.controller.prepare(given, u_before)
 
@@ -127,6 +136,10 @@ class CompiledRecorder:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _settings(self) -> tuple[float | None, int]:
+        """What a user or a fault may change between steps."""
+        return self.controller.budget, self.controller.max_iterations
 
     def _call(self, name: str, *given: Any) -> None:
         """A function of the recorder; whole records go to the file."""

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from softmpc.codegen.compiled_controller import CompiledController
-from softmpc.codegen.compiled_log import header_of, restore, set_cap
+from softmpc.codegen.compiled_log import header_of, restore
 from softmpc.codegen.emulate import Steps, run_steps
 from softmpc.codegen.flight_format import (
     QP,
@@ -53,19 +53,12 @@ class CPlayer:
     name = "c"
 
     def __init__(self, folder: Path, t: Transcription, log: FlightLog) -> None:
-        self.clock = _Clock()
-        timed = any(np.isfinite(step.prepare_seconds) for step in log.steps)
-        self.controller = CompiledController(
-            folder,
-            t,
-            single=log.header.real_bytes == 4,
-            budget=BUDGET if timed else None,  # with a clock programs are solved in pieces
-            clock=self.clock,
-        )
-        header = header_of(self.controller)
-        self.build, self.scene_hash = header.build, header.scene_hash
+        self.clock, single = _Clock(), log.header.real_bytes == 4
+        self.controller = CompiledController(folder, t, single=single, clock=self.clock)
+        self.build = header_of(self.controller).build
 
     def reset(self) -> None:
+        self.controller.max_iterations = 0
         self.controller.reset()
 
     def restore(self, snapshot: Snapshot) -> bool:
@@ -75,10 +68,12 @@ class CPlayer:
         if isinstance(setting, Limits):
             self.controller.set_limits(*setting.each)
         else:
-            set_cap(self.controller, setting.cap)
+            self.controller.max_iterations = setting.cap
 
     def step(self, record: StepRecord) -> Outcome:
         """Late: the clock jumps while it prepares; out of time: while the program is solved."""
+        timed = bool(np.isfinite(record.prepare_seconds))  # with a clock programs go in pieces
+        self.controller.budget = BUDGET if timed else None
         late, stopped = record.status == LATE, record.qp == TIME_LIMIT
         given = _named(self.controller.transcription, record.given)
         self.clock.pace = LONG if late and not stopped else 0.0
