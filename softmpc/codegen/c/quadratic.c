@@ -145,7 +145,7 @@ int smpc_solve_program(smpc_controller *c, double deadline)
     const int said = wrong(p, p->flag);
     if (said) return said;
     const int bounded = begin(c);
-    if (!bounded) {
+    if (!bounded && c->cap > 1) { /* to find no bound in the way is DAQP's first iteration */
         memset(p->multipliers, 0, sizeof p->multipliers);
         alone(p);
         p->bounded = 0;
