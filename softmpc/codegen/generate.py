@@ -72,6 +72,7 @@ def generate_file(
 
     With a table [rig] its estimator and supervision are beside it, see `pilot.h`.
     """
+    checked_folder(out)  # before anything takes time
     title, scene, task = read_track_file(path)
     space = None if workspace is None else Workspace.load(workspace)
     settings = read_rig_file(path)
@@ -82,19 +83,20 @@ def generate_file(
             rig = ready(lambda report: rig_up(scene, task, settings, report), progress)
             setup, beside = rig.setup, pilot_files(rig.pilot)
         return generate(
-            setup, out, iterations=iterations, max_rows=max_rows, title=title, workspace=space,
-            beside=beside,
+            setup, out, iterations=iterations, max_rows=max_rows, title=title, file=path,
+            workspace=space, beside=beside,
         )  # fmt: skip
 
 
 def generate(
     setup: Setup, out: str | os.PathLike[str], *, iterations: int = ITERATIONS,
-    max_rows: int | None = None, title: str = "", demo: bool = True,
-    workspace: Workspace | None = None, beside: Mapping[str, str] | None = None,
+    max_rows: int | None = None, title: str = "", file: str | os.PathLike[str] = "",
+    demo: bool = True, workspace: Workspace | None = None, beside: Mapping[str, str] | None = None,
 ) -> Generated:  # fmt: skip
     """Write the controller of a tracking task into the folder `out`, see `generate_controller`.
 
-    With `demo` there is a program that runs the task, and how to build it; `title` is its name.
+    With `demo` there is a program that runs the task, and how to build it; `title` is its name,
+    `file` that of the scene file, which flight logs will name.
     With `workspace` the monitor knows how far tip and reference are from the edge of it. `beside`
     are more files by name, such as those of a pilot.
     """
@@ -103,15 +105,15 @@ def generate(
         more |= demonstration(setup, references_of(setup), title)
     return generate_controller(
         setup.controller, out, start=_controller_start(setup), iterations=iterations,
-        max_rows=max_rows, more=more, title=title, back_off=setup.task.controller.back_off,
-        workspace=workspace,
+        max_rows=max_rows, more=more, title=title, file=file,
+        back_off=setup.task.controller.back_off, workspace=workspace,
     )  # fmt: skip
 
 
 def generate_controller(
     mpc: Mpc, out: str | os.PathLike[str], *, start: Start, iterations: int = ITERATIONS,
     max_rows: int | None = None, more: Mapping[str, str] | None = None, title: str = "",
-    back_off: float = 0.0, workspace: Workspace | None = None,
+    file: str | os.PathLike[str] = "", back_off: float = 0.0, workspace: Workspace | None = None,
 ) -> Generated:  # fmt: skip
     """Write a controller into the folder `out`, with a README where `more` says how to build it.
 
@@ -132,7 +134,7 @@ def generate_controller(
     texts["sizes.h"] = sizes_header(data, identity, iterations, worst)
     told = mpc.transcription.objective.references
     texts |= monitor_files(mpc.ocp.model, told, back_off, workspace)
-    texts |= {**recorder_files.files(mpc), **(more or {})}
+    texts |= {**recorder_files.files(mpc, os.fspath(file)), **(more or {})}
     made = tuple(sorted(texts))
     texts |= {name: c_source(name) for name in (*CORE, *DAQP)}
     if "Makefile" in texts:
