@@ -11,9 +11,9 @@ import pytest
 from arms import PAPER, arm
 from codegen_small import scratch
 
-from softmpc.codegen.emulate import Answers, Steps, run_steps
-from softmpc.codegen.footprint import footprint, footprint_table
-from softmpc.codegen.generate import generate, generate_controller
+from softmpc.codegen.emulate import Answers, Steps, run_program, run_steps
+from softmpc.codegen.footprint import PILOT, footprint, footprint_table
+from softmpc.codegen.generate import generate, generate_controller, generate_file
 from softmpc.codegen.targets import ARM_LINUX, CORTEX_M7, HOST, PRECISIONS, Target, build
 from softmpc.control.closed_loop import Start, start_at
 from softmpc.control.costs import StrainRate, TipPosition, Torque, TorqueRate
@@ -34,7 +34,7 @@ COSTS = (TipPosition(), Torque(), TorqueRate(), StrainRate())
 LIMITS = (TorqueLimit(0.0, 2.0), PressureLimit(0.0, 0.8e6, soft=1e-4))
 COUNT = 40
 NEAR = {"double": 1e-9, "float": 2e-3}  # N·m, of the controller in Python
-BOARD = Path(__file__).parents[1] / "examples" / "figure_eight_board.toml"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 def needs(*wanted: Target) -> pytest.MarkDecorator:
@@ -144,7 +144,7 @@ def test_footprint_of_a_small_one(answers: Callable) -> None:
 
 @cache
 def example() -> tuple[Path, Steps, np.ndarray]:
-    _, scene, task = read_track_file(BOARD)
+    _, scene, task = read_track_file(EXAMPLES / "figure_eight_board.toml")
     setup = set_up(scene, task)
     watched = Watched(setup.controller)
     summary = setup.run(watched).summary()
@@ -181,3 +181,25 @@ def test_the_example_runs_on_the_board() -> None:
         part: board.told[f"{part}_instructions"] / len(steps) for part in ("prepare", "feedback")
     }
     assert each["prepare"] < 2.5e6 and each["feedback"] < 0.75e6
+
+
+@pytest.mark.slow
+@needs(CORTEX_M7)
+def test_a_rig_fits_a_board(tmp_path: Path) -> None:
+    """Estimator, supervision and MPC, in double; without readings it goes on, its input finite."""
+    text = (EXAMPLES / "figure_eight_rig.toml").read_text(encoding="utf-8")
+    scene = tmp_path / "rig.toml"
+    scene.write_text(text.replace("horizon = 20", "grid = [1, 1, 1, 1, 2, 4, 6]"), encoding="utf-8")
+    assert generate_file(scene, tmp_path / "rig").sizes["N"] == 7
+    found = footprint(tmp_path / "rig", precisions=["double"])
+    print(footprint_table(found))
+    one = found["double"]
+    assert all(one[name]["fits"] for name in ("flash", "ram", "stack"))
+    assert "smpc_pilot_step" in one["calls"]["smpc_pilot_step"]["path"]
+    assert one["parts"]["estimator and supervision"]["code"] > 8192
+    program = build(tmp_path / "rig", PILOT, "double", tmp_path / "built")
+    _, told = run_program(PILOT, program)
+    print(told)
+    assert told["steps"] == 20
+    assert told["controller_bytes"] == one["controller"]
+    assert told["stack_bytes"] <= one["stack"]["bytes"]

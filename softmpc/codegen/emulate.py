@@ -17,7 +17,7 @@ import numpy as np
 from softmpc.codegen.targets import CORTEX_M7, TARGETS, Target, build
 from softmpc.errors import BuildError, InputError, unknown_name
 
-__all__ = ["Answers", "Steps", "read_sizes", "refused_float", "run_steps"]
+__all__ = ["Answers", "Steps", "read_sizes", "refused_float", "run_program", "run_steps"]
 
 RUN_SECONDS = 600.0
 ENDINGS = {66: "it cannot open its files", 70: "the processor met a fault"}
@@ -66,6 +66,17 @@ class Answers:
     told: dict[str, int]
 
 
+def run_program(
+    target: Target, program: Path, given: bytes = b"", seconds: float = RUN_SECONDS
+) -> tuple[bytes, dict[str, int]]:
+    """Run what `build` made: what it answers to `given`, and what it says of itself.
+
+    Raises `BuildError` where it does not end well within `seconds`.
+    """
+    answers, said = _run(target, program, given, seconds)
+    return answers, _told(said)
+
+
 def run_steps(
     directory: str | Path,
     steps: Steps,
@@ -88,13 +99,14 @@ def run_steps(
     with tempfile.TemporaryDirectory(prefix="softmpc-emulate-") as scratch:
         folder = Path(scratch) if into is None else Path(into)
         program = build(directory, TARGETS[target], precision, folder)
-        answers, said = _run(TARGETS[target], program, steps.numbers().tobytes(), seconds)
+        given = steps.numbers().tobytes()
+        answers, told = run_program(TARGETS[target], program, given, seconds)
     size = len(steps) * (inputs + FIGURES) * 8
     if len(answers) != size:
         raise BuildError(f"{target}: {len(answers)} bytes of answers, not {size}")
     found = np.frombuffer(answers, "<f8").reshape(len(steps), inputs + FIGURES)
     status, qp, iterations = found[:, inputs:].astype(int).T
-    return Answers(found[:, :inputs], status, qp, iterations, _told(said))
+    return Answers(found[:, :inputs], status, qp, iterations, told)
 
 
 def read_sizes(directory: Path) -> dict[str, int]:
@@ -152,7 +164,9 @@ def _run(target: Target, program: Path, given: bytes, seconds: float) -> tuple[b
     if done.returncode:
         why = ENDINGS.get(done.returncode, said.strip() or "no message")
         raise BuildError(f"{target.name}: the program ended with {done.returncode}: {why}")
-    return (sink.read_bytes() if board else done.stdout), said
+    if not board:
+        return done.stdout, said
+    return (sink.read_bytes() if sink.is_file() else b""), said
 
 
 def _told(said: str) -> dict[str, int]:

@@ -19,7 +19,7 @@ __all__ = ["files", "window_of"]
 SOURCES = (
     "estimator.h", "estimator_parts.h", "supervision.h", "pilot.h", "estimator.c",
     "estimator_drive.c", "estimator_knots.c", "estimator_step.c", "estimator_views.c", "kalman.c",
-    "readings.c", "supervision.c", "pilot.c",
+    "readings.c", "supervision.c", "pilot.c", "board/pilot_main.c",
 )  # fmt: skip
 LOG = 16  # transitions that the supervisor remembers
 NEVER = 2**31 - 1

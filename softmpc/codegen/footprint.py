@@ -1,7 +1,8 @@
 """What a generated controller takes of a Cortex-M7: flash, RAM and the deepest stack.
 
-The figures are those of the linked program that runs recorded steps (`board/`), so that whatever
-the controller needs of the C library is in them, and a part of their table each.
+The figures are those of a linked program of `board/`, so that whatever the controller needs of the
+C library is in them, and a part of their table each: of `board_main.c`, which runs recorded steps,
+and where the scene has a rig of `pilot_main.c`, with estimator and supervision.
 """
 
 from __future__ import annotations
@@ -9,23 +10,37 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from softmpc.codegen.emulate import read_sizes, refused_float
 from softmpc.codegen.stack_bound import read_code, read_frames
-from softmpc.codegen.targets import CORTEX_M7, PRECISIONS, board_of, build, flags_of, run_tool
+from softmpc.codegen.targets import (
+    CORTEX_M7,
+    PRECISIONS,
+    STARTUP,
+    board_of,
+    build,
+    flags_of,
+    run_tool,
+)
 from softmpc.errors import BuildError, InputError, unknown_name
 
-__all__ = ["BUDGETS", "footprint", "footprint_table"]
+__all__ = ["BUDGETS", "PILOT", "footprint", "footprint_table"]
 
 # Linker scripts in board/ by the name of the chip; its regions are the budget.
 BUDGETS = {"STM32H743": "stm32h743.ld"}
 REGIONS = {"flash": "FLASH", "ram": "RAM", "stack": "STACK"}
-ENTRIES = ("smpc_init", "smpc_set_reference", "smpc_prepare", "smpc_feedback")
+ENTRIES = (
+    "smpc_init", "smpc_set_reference", "smpc_prepare", "smpc_feedback", "smpc_pilot_init",
+    "smpc_pilot_listen", "smpc_pilot_step",
+)  # fmt: skip
+PILOT = replace(CORTEX_M7, program=("pilot_main.c", *STARTUP))
 ALLOCATORS = ("malloc", "calloc", "realloc", "free", "_malloc_r", "_sbrk", "_sbrk_r", "sbrk")
 BOARD, LIBRARY, MODEL, SOLVER, OWN = "board", "C library", "model", "DAQP", "controller"
+ESTIMATOR = "estimator and supervision"
+ESTIMATES = ("estimator", "kalman", "readings", "pilot", "supervision")  # how its files begin
 # DAQP moves a row of its working set by taking it out and in again, which may move the next one; it
 # has no bound of its own. Counted is one turn for each row that there may be, one more than
 # variables; on 3000 random states with limits at work it took 2 in double and 8 in float.
@@ -103,16 +118,17 @@ def footprint(
 
 
 def _of(directory: Path, precision: str, scratch: Path, regions: dict[str, int]) -> dict[str, Any]:
-    program = _Program(build(directory, CORTEX_M7, precision, scratch, ("-fstack-usage",)))
+    target = PILOT if (directory / "pilot.h").is_file() else CORTEX_M7
+    program = _Program(build(directory, target, precision, scratch, ("-fstack-usage",)))
     symbols, sections = program.symbols(), program.sections()
     if "controller" not in symbols:
-        raise BuildError(f"{directory}: board/steps.c has no variable `controller`")
+        raise BuildError(f"{directory}: the program in board/ has no variable `controller`")
     listing = program.tool("objdump", "-d", "--no-show-raw-insn")
     addresses = {name: address for name, (address, _) in symbols.items()}
     turns = {REORDERING: read_sizes(directory).get("MOVES", 0) + 2}
     code = read_code(listing, addresses, read_frames(scratch), turns)
-    deepest = {name: code.deepest(name) for name in (*ENTRIES, "smpc_reset")}
-    whole = deepest.pop("smpc_reset")
+    deepest = {name: code.deepest(name) for name in ENTRIES if name in symbols}
+    whole = code.deepest("smpc_reset")
     used = {
         "flash": sections["text"] + sections["data"],
         "ram": sections["data"] + sections["bss"],
@@ -159,7 +175,9 @@ def _part(origin: str) -> str:
         return BOARD
     if "daqp" in origin:
         return SOLVER
-    return MODEL if Path(origin).stem.startswith("model") else OWN
+    if origin.startswith(ESTIMATES):
+        return ESTIMATOR
+    return MODEL if origin.startswith("model") else OWN
 
 
 def _is_software_double(name: str) -> bool:

@@ -17,6 +17,7 @@ __all__ = [
     "CORTEX_M7",
     "HOST",
     "PRECISIONS",
+    "STARTUP",
     "TARGETS",
     "Target",
     "board_of",
@@ -61,23 +62,26 @@ class Target:
         return f"{' and '.join(absent)} not found; on Debian: apt install {packages}"
 
 
-HOST = Target("host", "cc", dict.fromkeys(PRECISIONS, ()), (), ("linux_main.c",), (), ("gcc",))
+HOST = Target(
+    "host", "cc", dict.fromkeys(PRECISIONS, ()), (), ("steps.c", "linux_main.c"), (), ("gcc",)
+)
 ARM_LINUX = Target(
     "arm-linux",
     "arm-linux-gnueabihf-gcc",
     dict.fromkeys(PRECISIONS, ("-march=armv7-a", "-mfpu=vfpv3-d16")),
     ("-static",),
-    ("linux_main.c",),
+    ("steps.c", "linux_main.c"),
     ("qemu-arm",),
     ("gcc-arm-linux-gnueabihf", "libc6-dev-armhf-cross", "qemu-user"),
 )
+STARTUP = ("startup.c", "semihosting.c")  # in board/, of a program for a board
 _M7 = ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard")
 CORTEX_M7 = Target(
     "cortex-m7",
     "arm-none-eabi-gcc",
     {"double": (*_M7, "-mfpu=fpv5-d16"), "float": (*_M7, "-mfpu=fpv5-sp-d16")},
     ("-nostartfiles", "-Wl,--fatal-warnings"),
-    ("board_main.c", "startup.c", "semihosting.c"),
+    ("steps.c", "board_main.c", *STARTUP),
     (
         "qemu-system-arm", "-machine", "mps2-an500", "-nographic", "-monitor", "none",
         "-serial", "none", "-icount", "shift=0", "-semihosting-config", "enable=on,target=native",
@@ -109,7 +113,7 @@ def controller_sources(directory: Path) -> list[Path]:
 def board_of(directory: Path) -> Path:
     """Its folder of files for boards, or softmpc's own where it has none."""
     own = directory / "board"
-    return own if own.is_dir() else Path(__file__).parent / "c" / "board"
+    return own if (own / "steps.c").is_file() else Path(__file__).parent / "c" / "board"
 
 
 def build(
@@ -129,7 +133,7 @@ def build(
     directory, into = directory.resolve(), into.resolve()
     flags = (*flags_of(target, precision), *extra, f"-I{directory}")
     sources, board = controller_sources(directory), board_of(directory)
-    sources += [board / name for name in ("steps.c", *target.program)]
+    sources += [board / name for name in target.program]
     if target.missing:
         raise BuildError(f"{target.name}: {target.missing}")
     into.mkdir(parents=True, exist_ok=True)
