@@ -234,6 +234,18 @@ def test_stack_without_a_bound(tmp_path: Path, before: str, statement: str, why:
 
 
 @needs(CORTEX_M7)
+def test_a_recursion_of_known_depth(tmp_path: Path) -> None:
+    """DAQP's is counted once for each row that there may be: none here, and two."""
+    before, statement = RECURSION.replace("deeper", "daqp_pivot_last"), "u[0] = daqp_pivot_last(1);"
+    one = footprint(planted(tmp_path / "planted", before, statement), precisions=["double"])[
+        "double"
+    ]
+    plain = footprint(stand_in(tmp_path / "plain"), precisions=["double"])["double"]
+    assert one["nested"] == {"daqp_pivot_last": 2} and plain["nested"] == {}
+    assert one["stack"]["fits"] and one["stack"]["bytes"] >= plain["stack"]["bytes"]
+
+
+@needs(CORTEX_M7)
 def test_heap_and_pointers_are_seen(tmp_path: Path) -> None:
     statement = "smpc_other = malloc(8) ? 0 : smpc_other; if (smpc_other) u[0] = smpc_other(u[0]);"
     one = footprint(planted(tmp_path / "planted", HEAP + POINTER, statement), precisions=["double"])

@@ -163,6 +163,8 @@ def _read_body(
         function.frame = None if taken is None or function.frame is None else function.frame + taken
         if word.startswith("blx") or (word.startswith("bx") and rest != "lr"):
             function.indirect |= not rest.startswith("0x") and "<" not in rest
+        if word.startswith(("ldr", "mov")) and rest.startswith("pc,") and "[sp" not in rest:
+            function.indirect = True
         if (_AWAY.match(word) or word.startswith("cb")) and "<" in rest:
             target = int(rest.split("<")[0].split(",")[-1].strip(), 16)
             there = owner.get(target)
