@@ -9,7 +9,8 @@
 
 #define CONSISTENT ((real)0.1) /* largest violation of a plan that an iteration may begin with */
 #define FEASIBLE ((real)SMPC_FEASIBLE) /* of a start that is used at the iteration cap */
-#define CLIPPED ((real)1e-6)   /* by which the last guard must change an input to be reported */
+/* By how much the last guard must change a scaled input to be reported. */
+#define CLIPPED ((real)1e-6 + 1024 * SMPC_EPSILON)
 
 enum { inputs = SMPC_INPUTS, nx = SMPC_NX };
 
