@@ -3,7 +3,9 @@
     python -m tests.benchmarks.acados_peer < CALL
 
 CALL is JSON: the folder of `acados_task.write_task`, names of recorded states in it, options of the
-solver, rounds. The last line printed is JSON: for each of the names times (ms) and inputs.
+solver, a folder to build it in, rounds. With no rounds it is built and asked for the optimum at
+some of the states; else the built one is timed. The last line printed is JSON, with a part for each
+name.
 """
 
 from __future__ import annotations
@@ -11,7 +13,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -101,29 +102,31 @@ class Peer:
         return {"rows": rows[FIRST:], "inputs": inputs[FIRST:], "failed": failed}
 
 
-def main() -> None:
-    call = json.loads(sys.stdin.read())
-    folder, answers = Path(call["folder"]), {}
-    task = Task(folder)
+def solver_in(folder: Path, task: Task, options: dict[str, Any], build: bool) -> Any:
+    """The solver of a problem; generated and compiled in a folder, or what was built there."""
     from acados.acados_template import AcadosOcpSolver
 
-    with tempfile.TemporaryDirectory() as built:
-        os.chdir(built)  # acados writes beside
-        began = time.perf_counter()
-        ocp = make_ocp(task, Path(built), call["options"])
-        solver = AcadosOcpSolver(ocp, json_file=str(Path(built) / "ocp.json"), verbose=False)
-        built_in = time.perf_counter() - began
-        for name in call["states"]:
-            peer = Peer(task, solver, dict(np.load(folder / f"{name}.npz")))
-            optimum = peer.converged()
-            rounds = [peer.round() for _ in range(call["rounds"])]
-            answers[name] = {
-                "rows": [row for each in rounds for row in each["rows"]],
-                "inputs": rounds[-1]["inputs"],
-                "failed": sum(each["failed"] for each in rounds),
-                "optimum": optimum,
-                "build": built_in,
-            }
+    os.chdir(folder)  # acados writes beside
+    ocp = make_ocp(task, folder, options)
+    file = str(folder / "ocp.json")
+    solver = AcadosOcpSolver(ocp, file, build=build, generate=build, verbose=False)
+    return solver
+
+
+def main() -> None:
+    call = json.loads(sys.stdin.read())
+    folder, built, answers = Path(call["folder"]), Path(call["built"]), {}
+    task = Task(folder)
+    solver = solver_in(built, task, call["options"], call["rounds"] == 0)
+    for name in call["states"]:
+        peer = Peer(task, solver, dict(np.load(folder / f"{name}.npz")))
+        rounds = [peer.round() for _ in range(call["rounds"])]
+        answers[name] = {
+            "rows": [row for each in rounds for row in each["rows"]],
+            "inputs": [row for each in rounds for row in each["inputs"]],
+            "failed": sum(each["failed"] for each in rounds),
+            "optimum": {} if rounds else peer.converged(),
+        }
     print(json.dumps(answers))
 
 

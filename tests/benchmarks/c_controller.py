@@ -56,6 +56,8 @@ from tests.benchmarks.c_controller_states import Recorded, record  # noqa: E402
 
 SCENES = {"unsaturated": "figure_eight", "saturated": "circle_edge"}
 FLAGS = (("-O2",), ("-O3", "-march=native"))
+CC = os.environ.get("CC", "gcc")
+PEER = "tests.benchmarks.acados_peer"
 ROUNDS = 6
 FINE = 5  # stages
 MOST_MEDIAN, MOST_TAIL, MOST_RATIO = 1.0, 2.0, 1 / 3  # ms, ms, of acados
@@ -98,60 +100,68 @@ class Bench:
     def __init__(self, folder: Path, quick: bool) -> None:
         self.folder, self.rounds = folder, 2 if quick else ROUNDS
         self.recorded = {word: record(scene) for word, scene in SCENES.items()}
-        self.cc = os.environ.get("CC", "gcc")
+        self.programs: dict[tuple[str, str], Program] = {}
+        self.timed: dict[tuple[str, str], list[Timed]] = {}
+        self.built: dict[tuple[str, str], dict[str, Any]] = {}  # calls of the variants of acados
+        self.optima: dict[str, Any] = {}
+        self.answers: dict[tuple[str, str], list[dict[str, Any]]] = {}
+        self.rows: dict[str, list[Row]] = {word: [] for word in SCENES}
         for each in self.recorded.values():
             each.save(folder)
             write_task(each.setup.controller.transcription, folder)
-        self.rows: dict[str, list[Row]] = {word: [] for word in SCENES}
-        self.programs: dict[tuple[str, str], Program] = {}
-        self.timed: dict[tuple[str, str], Timed] = {}
-        self.inner: dict[tuple[str, str, str], Array] = {}
-        self.optima: dict[tuple[str, str], dict[str, Any]] = {}
 
-    def c(self) -> None:
-        """Our C, timed before and after all others."""
+    def build(self) -> None:
         for word, each in self.recorded.items():
             for flags in FLAGS:
                 folder = self.folder / f"{word}{flags[0]}"
                 generate(each.setup, folder)
-                key = word, " ".join(flags)
-                self.programs[key] = Program(folder, each, self.cc, flags)
-                self.timed[key] = self.programs[key].run(self.rounds)
-
-    def c_again(self) -> None:
-        for (word, flags), program in self.programs.items():
-            both = self.timed[word, flags], program.run(self.rounds)
-            times, wall = (np.concatenate([getattr(t, n) for t in both]) for n in ("us", "wall"))
-            optimum = self.recorded[word].arrays["optimum"]
-            far = off(both[0].u[: len(optimum) - UNTIMED], optimum)
-            name = "softmpc in C"
-            self.rows[word].insert(0, Row(name, flags, 1e-3 * times, 1e-3 * wall, far))
-
-    def acados(self) -> None:
-        names = list(SCENES.values())
+                self.programs[word, " ".join(flags)] = Program(folder, each, CC, flags)
         for name, options in VARIANTS.items():
             for flags in map(" ".join, FLAGS):
-                options = options | {"ext_fun_compile_flags": flags}
-                call = {"folder": str(self.folder), "states": names, "options": options}
+                built = self.folder / f"{name}{flags}".replace(" ", "_")
+                built.mkdir()
+                call = {"folder": str(self.folder), "states": list(SCENES.values()), "rounds": 0}
+                call["options"] = options | {"ext_fun_compile_flags": flags}
+                call["built"] = str(built)
                 try:
-                    found = run_peer("tests.benchmarks.acados_peer", call | {"rounds": self.rounds})
+                    self.optima[name] = run_peer(PEER, call)
+                    self.built[name, flags] = call | {"rounds": 1}
                 except AcadosFailed as error:
                     print(f"{name} is left out: {error}", file=sys.stderr)
-                    continue
-                for word, scene in SCENES.items():
-                    self._take(word, name, flags, found[scene])
 
-    def _take(self, word: str, name: str, flags: str, found: dict[str, Any]) -> None:
-        rows, optimum = np.array(found["rows"]), self.recorded[word].arrays["optimum"]
-        if found["failed"]:
-            name += f" ({found['failed']} failed)"
-        self.rows[word].append(
-            Row(name, flags, rows[:, 1], rows[:, 0], off(found["inputs"], optimum))
-        )
-        total, lin, sim, ad, la, qp, call, condensing = rows[:, 2:10].T
-        parts = [ad, la, sim - ad - la, lin - sim, condensing, call, total - lin - qp, rows[:, 10]]
-        self.inner[word, name, flags] = np.array(parts)
-        self.optima[word, name] = found["optimum"]
+    def take_turns(self) -> None:
+        """Our C and acados in turn, so that both see the machine as busy as it is."""
+        for _ in range(self.rounds):
+            for key, program in self.programs.items():
+                self.timed.setdefault(key, []).append(program.run(1))
+            for other, call in self.built.items():
+                self.answers.setdefault(other, []).append(run_peer(PEER, call))
+
+    def gather(self) -> None:
+        for word, each in self.recorded.items():
+            optimum = each.arrays["optimum"]
+            for flags in map(" ".join, FLAGS):
+                timed = self.timed[word, flags]
+                cpu, wall = (1e-3 * np.concatenate([getattr(t, of) for t in timed])
+                             for of in ("us", "wall"))  # fmt: skip
+                self.rows[word].append(
+                    Row("softmpc in C", flags, cpu, wall, off(timed[0].u, optimum))
+                )
+            for (name, flags), answers in self.answers.items():
+                found = [answer[each.name] for answer in answers]
+                rows = np.concatenate([one["rows"] for one in found])
+                failed = sum(one["failed"] for one in found)
+                said = f"{name} ({failed} failed)" if failed else name
+                far = off(found[0]["inputs"], optimum)
+                self.rows[word].append(Row(said, flags, rows[:, 1], rows[:, 0], far))
+
+    def inner(self, word: str, name: str, flags: str) -> Array:
+        """Medians of where acados's time goes (ms), see INSIDE; iterations last."""
+        found = [answer[SCENES[word]]["rows"] for answer in self.answers[name, flags]]
+        total, lin, sim, ad, la, _, call, condensing, count = np.concatenate(found)[:, 2:].T
+        rest = total - lin - condensing - call
+        parts = [ad, la, sim - ad - la, lin - sim, condensing, call, rest]
+        return np.asarray(np.median([*parts, count], axis=1))
 
     def python(self) -> None:
         for word, each in self.recorded.items():
@@ -218,24 +228,29 @@ def inner(bench: Bench, word: str) -> None:
     """Where acados's time goes, by its own clocks."""
     print(f"\nA step of acados, {word}: µs (medians, by its clocks)\n{'':44}"
           + "".join(f"{part:>11}" for part in (*INSIDE, "rest")) + "  iterations")  # fmt: skip
-    for (of, name, flags), table in bench.inner.items():
-        if of == word:
-            *cells, iterations = np.median(table, axis=1)
-            print(f"{name:26}{flags:18}" + "".join(f"{1e3 * cell:11.1f}" for cell in cells)
-                  + f"  {iterations:10.0f}")  # fmt: skip
+    for name, flags in bench.answers:
+        *cells, iterations = bench.inner(word, name, flags)
+        print(f"{name:26}{flags:18}" + "".join(f"{1e3 * cell:11.1f}" for cell in cells)
+              + f"  {iterations:10.0f}")  # fmt: skip
+
+
+def same_problem(bench: Bench) -> None:
+    """Whether acados has the same optimum, beside what a finer discretisation changes."""
+    for word, recorded in bench.recorded.items():
+        away = None
+        for name, answers in bench.optima.items():
+            found = answers[recorded.name]
+            at = found["at"]
+            apart = np.abs(np.array(found["inputs"]) - recorded.arrays["optimum"][at]).max()
+            away = refined(recorded, at) if away is None else away
+            print(f"{word}, {name}: inputs of its optimum within {1e3 * apart:.2f} mN·m of ours at "
+                  f"{len(at)} states; {FINE} stages an interval are {1e3 * away:.2f} "
+                  "away")  # fmt: skip
 
 
 def judge(bench: Bench) -> None:
-    """Targets and what was measured; and whether acados has the same optimum."""
-    print()
-    for (word, name), found in bench.optima.items():
-        recorded, at = bench.recorded[word], found["at"]
-        apart = np.abs(np.array(found["inputs"]) - recorded.arrays["optimum"][at]).max()
-        print(f"{word}, {name}: inputs of its optimum within {1e3 * apart:.2f} mN·m of ours at "
-              f"{len(at)} states; {FINE} stages an interval are "
-              f"{1e3 * refined(recorded, at):.2f} away")  # fmt: skip
-    for word in SCENES:
-        rows = bench.rows[word]
+    """Targets and what was measured."""
+    for word, rows in bench.rows.items():
         c = next(row for row in rows if row.name == "softmpc in C" and row.flags == "-O2")
         median, tail = float(np.median(c.cpu)), float(np.percentile(c.cpu, 99.9))
         if word == "unsaturated":
@@ -248,7 +263,7 @@ def judge(bench: Bench) -> None:
                 for who in ("softmpc in C", "acados")
             )  # fmt: skip
             verdict(f"{word}, {flags}, of the best acados", mine / best, MOST_RATIO)
-    most = max(float(timed.off.max()) for timed in bench.timed.values())
+    most = max(float(one.off.max()) for timed in bench.timed.values() for one in timed)
     print(f"largest difference of an input in C from the one in Python: {most:.1e} N·m")
 
 
@@ -262,20 +277,21 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="two rounds of the states, not six")
     given = parser.parse_args()
-    cc = os.environ.get("CC", "gcc")
-    if shutil.which(cc) is None or shutil.which("make") is None:
-        sys.exit(f"needs make and a C compiler; {cc!r} (CC) is the one that was looked for")
-    said = subprocess.run([cc, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
+    if shutil.which(CC) is None or shutil.which("make") is None:
+        sys.exit(f"needs make and a C compiler; {CC!r} (CC) is the one that was looked for")
+    said = subprocess.run([CC, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
     print(f"{said}; {WHEEL}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     with tempfile.TemporaryDirectory() as folder:
         bench = Bench(Path(folder), given.quick)
-        for stage in (bench.c, bench.acados, bench.python, bench.c_again):
+        for stage in (bench.build, bench.take_turns, bench.gather, bench.python):
             print(f"measuring: {stage.__name__}", file=sys.stderr, flush=True)
             stage()
         for word in SCENES:
             times(bench, word)
             parts(bench, word)
             inner(bench, word)
+        print()
+        same_problem(bench)
         judge(bench)
 
 
