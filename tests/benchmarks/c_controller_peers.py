@@ -32,7 +32,7 @@ FIRST = 3  # steps that are not timed
 PEERS: dict[str, tuple[str | None, int | None]] = {
     "softmpc, Python RTI": ("real-time", None),
     "softmpc, IPOPT": ("ipopt", 12),
-    "do-mpc, our step, tuned": (None, 8),
+    "do-mpc, our step, tuned": (None, 5),
 }
 
 
