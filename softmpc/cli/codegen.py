@@ -81,11 +81,13 @@ def command(
 
 def _baseline(scene: Path, kind: str, out: Path, workspace: Path | None) -> Answer:
     from softmpc.codegen.baselines import generate_baseline
+    from softmpc.codegen.directory import checked_folder
     from softmpc.control.tracking import read_track_file, ready, set_up
     from softmpc.errors import errors_in
     from softmpc.statics.workspace_result import Workspace
 
     space = None if workspace is None else Workspace.load(workspace)
+    checked_folder(out)  # before anything takes time
     title, arm, task = read_track_file(scene)
     with stages(*STAGE) as stage, errors_in(scene):
         setup = ready(lambda report: set_up(arm, task, progress=report), stage(*STAGE))

@@ -18,7 +18,7 @@ from softmpc import library_cache
 from softmpc.compiler import SUFFIX, CompileError, Compiler, compiler, run, why_none
 from softmpc.errors import BuildError
 
-__all__ = ["build_library", "sources_of"]
+__all__ = ["build_library", "require_compiler", "sources_of"]
 
 STRAIGHT = ("-O1",)  # long lines of arithmetic: -O2 takes twice as long and makes them no faster
 LOOPS = ("-O3",)  # what is written by hand: loops that are worth vectorising
@@ -32,18 +32,23 @@ def sources_of(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.c"))
 
 
+def require_compiler() -> Compiler:
+    """The C compiler of this machine. Raises `BuildError` where there is none."""
+    found = compiler()
+    if found is None:
+        raise BuildError(
+            f"no C compiler ({why_none()}): install gcc or clang, or name one in the variable CC"
+        )
+    return found
+
+
 def build_library(folder: Path, flags: Sequence[str] = (), single: bool = False) -> Path:
     """Compile the controller of a folder to a shared library in its folder `build`.
 
     There is one for each set of flags; it is built anew when a file is newer. Raises `BuildError`
     where there is no compiler, or where it fails.
     """
-    found = compiler()
-    if found is None:
-        raise BuildError(
-            f"no C compiler ({why_none()}): install gcc or clang, or name one in the variable CC"
-        )
-    sources = sources_of(folder)
+    found, sources = require_compiler(), sources_of(folder)
     if not sources:
         raise BuildError(f"{folder}: holds no C files; `softmpc codegen` writes them")
     every = [

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from softmpc.codegen.building import require_compiler
 from softmpc.codegen.compiled_controller import CompiledController
 from softmpc.codegen.compiled_pilot import CompiledPilot
 from softmpc.codegen.estimator_pilot import files
@@ -25,13 +26,18 @@ class InTheLoop:
     """`with InTheLoop(...)(setup) as controller`, see `softmpc.control.tracking.track_file`.
 
     With `code` that is the controller in C, `single` in float, in the same loop as that in Python;
-    with `log` it writes a flight log there, which says that it is of the file `scene`.
+    with `log` it writes a flight log there, which says that it is of the file `scene`. Raises
+    `BuildError` where there is no compiler, before anything takes time.
     """
 
     code: bool = True
     single: bool = False
     log: Path | None = None
     scene: Path | str = ""
+
+    def __post_init__(self) -> None:
+        if self.code:
+            require_compiler()
 
     @contextmanager
     def __call__(self, setup: Setup) -> Iterator[Any]:

@@ -1,0 +1,125 @@
+"""`softmpc codegen` and `softmpc track --controller c` as a user calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from softmpc.cli.main import main
+from softmpc.compiler import compiler
+
+SCENE = """
+schema = 1
+title = "A short line"
+[model]
+segments = 1
+[actuation]
+kind = "slow-mode"
+[track]
+path = "line"
+start = [0.10, 0.0, 0.57]
+end = [0.13, 0.02, 0.57]
+lap_time = 1.2
+laps = 0.5
+smooth_start = 0.3
+settle = 0.1
+[track.plant]
+tolerance = 1e-5
+[track.controller]
+horizon = 4
+"""
+
+
+@pytest.fixture(autouse=True)
+def no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the path clears does not matter here, and takes seconds."""
+    monkeypatch.setattr("softmpc.control.tracking.find_clearance", lambda *given: given[2](6, 6))
+
+
+def call(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "line.toml"
+    path.write_text(SCENE)
+    return path
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler")
+def test_the_same_run_in_c(scene: Path, tmp_path: Path) -> None:
+    """Same loop, same report; and its log replays to the bit."""
+    log = tmp_path / "flight.log"
+    python = call("track", scene, "--json")
+    c = call("track", scene, "--controller", "c", "--record", log, "--json")
+    assert python.exit_code == c.exit_code == 0, c.output
+    theirs, ours = (json.loads(run.stdout) for run in (python, c))
+    assert ours["controller"] == "real-time in C"
+    assert theirs.keys() == ours.keys()
+    assert ours["rms_error_mm"] == pytest.approx(theirs["rms_error_mm"], rel=1e-6)
+    replayed = call("replay", log, "--with", "c", "--json")
+    assert replayed.exit_code == 0, replayed.output
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_directory_is_written(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "controller"
+    made = call("codegen", scene, "--out", out, "--iterations", 50, "--max-rows", 12, "--json")
+    assert made.exit_code == 0, made.output
+    said = json.loads(made.stdout)
+    assert (said["inputs"], said["intervals"], said["max_rows"]) == (6, 4, 12)
+    sizes = (out / "sizes.h").read_text()
+    assert "#define SMPC_QP_ITERATIONS 50" in sizes
+    assert f'"{said["scene_hash"]}"' in sizes
+    again = call("codegen", scene, "--out", out)  # over itself, with other settings
+    assert again.exit_code == 0
+    assert f"make -C {out} test" in again.stdout
+    assert "#define SMPC_QP_ITERATIONS 1000" in (out / "sizes.h").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["codegen", "SCENE"], "give --out DIR"),
+        (["codegen", "none.toml", "--out", "DIR"], "none.toml"),
+        (["codegen", "SCENE", "--out", "DIR", "--iterations", "0"], "0 is not in the range"),
+        (["codegen", "SCENE", "--out", "DIR", "--controller", "pid"], "'pid' is not one of"),
+        (["codegen", "SCENE", "--out", "FULL"], "not a controller's"),
+        (["codegen", "SCENE", "--controller", "lqr", "--out", "FULL"], "not a controller's"),
+        (["codegen", "SCENE", "--out", "DIR", "--workspace", "none.npz"], "none.npz"),
+        (["track", "SCENE", "--precision", "float"], "--precision float is for --controller c"),
+        (["track", "SCENE", "--compare", "--controller", "c"], "--compare runs controllers"),
+        (["track", "SCENE", "--record", "FULL/none/x.log"], "x.log"),
+    ],
+)
+def test_wrong_words(words: list[str], message: str, scene: Path, tmp_path: Path) -> None:
+    """One line that says what is wrong; nothing is written, nothing lost."""
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "thesis.tex").write_text("years of work")
+    (full / "none").write_text("a file, no folder")
+    places = {"SCENE": str(scene), "DIR": str(tmp_path / "out"), "FULL": str(full)}
+    given = [places.get(word, word.replace("FULL", str(full))) for word in words]
+    ended = call(*given)
+    assert ended.exit_code == 2
+    assert message in ended.stderr
+    assert (full / "thesis.tex").read_text() == "years of work"
+
+
+def test_other_solvers_cannot_become_c(scene: Path, tmp_path: Path) -> None:
+    other = tmp_path / "ipopt.toml"
+    other.write_text(SCENE + 'solver = "ipopt"\n')
+    ended = call("codegen", other, "--out", tmp_path / "out")
+    assert ended.exit_code == 2
+    assert 'set solver = "real-time"' in ended.stderr
+
+
+def test_no_compiler(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "/nonexistent/cc")
+    ended = call("track", scene, "--controller", "c")
+    assert ended.exit_code == 2
+    assert "no C compiler (CC is set, but /nonexistent/cc is not found)" in ended.stderr
