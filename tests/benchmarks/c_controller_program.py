@@ -123,16 +123,18 @@ class Timed:
 
 
 class Program:
-    """The controller in `folder`, compiled with these flags, on the states of one scene."""
+    """The controller in `folder` on the states of one scene; `make` is told of `variables`."""
 
-    def __init__(self, folder: Path, recorded: Recorded, cc: str, flags: tuple[str, ...]) -> None:
-        self.folder, self.cc, self.flags = folder, cc, flags
+    def __init__(
+        self, folder: Path, recorded: Recorded, cc: str, variables: tuple[str, ...]
+    ) -> None:
+        self.folder, self.cc = folder, cc
         self.states, self.steps = folder / "states.bin", len(recorded.arrays["x"])
         columns = [recorded.arrays[name] for name in ("x", "u_before", "u", "given")]
         np.hstack([c.reshape(self.steps, -1) for c in columns]).tofile(self.states)
         make = ["make", "-s", "-C", str(folder)]
         _do([*make, "clean"])
-        _do([*make, "libsmpc.a", f"CC={cc}", f"CFLAGS={' '.join(flags)}"])
+        _do([*make, "libsmpc.a", f"CC={cc}", *variables])
         self.plain, self.split = self._built("plain"), self._built("split")
 
     def _built(self, name: str) -> Path:
@@ -144,7 +146,7 @@ class Program:
         link = [f"-Wl,--wrap={function}" for function in wrapped]
         own = [self.cc, "-std=c99", "-O2", f"-I{self.folder}", "-x", "c", str(source), "-x", "none"]
         library = str(self.folder / "libsmpc.a")
-        _do([*own, *self.flags, *link, "-o", str(program), library, "-lm"])
+        _do([*own, *link, "-o", str(program), library, "-lm"])
         return program
 
     def run(self, rounds: int, split: bool = False) -> Timed:
