@@ -41,8 +41,8 @@ class Tolerances:
     def single(cls, damping: float) -> Tolerances:
         """What seven digits allow.
 
-        Squares of a soft limit's slack reach 1e-8 of its row: `zero` and `singular_pivot` stay below,
-        or limits that hold only softly count as contradictions.
+        Squares of a soft limit's slack reach 1e-8 of its row: `zero` and `singular_pivot` stay
+        below, or limits that hold only softly count as contradictions.
         """
         return cls(
             damping, rounding=1e-5, feasible=1e-3, broken=1e-5, rolled=1e-4, slope=1e-2,
