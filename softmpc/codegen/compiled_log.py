@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import replace
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from softmpc.codegen.compiled_controller import CompiledController
 from softmpc.codegen.flight_format import Header, Snapshot, put_header
 from softmpc.codegen.flight_log import header_in
-from softmpc.codegen.flight_writer import LogFile
+from softmpc.codegen.flight_writer import Closing, LogFile
 from softmpc.control.step import Step
 from softmpc.errors import BuildError
 
@@ -50,7 +49,7 @@ def restore(controller: CompiledController, snapshot: Snapshot) -> bool:
     return int(function(controller._at, ctypes.byref(told))) == 0
 
 
-class CompiledRecorder:
+class CompiledRecorder(Closing):
     """A controller in C with a recorder in C beside it, which writes a log as it goes.
 
     It is used as the controller itself is; what it does not know it asks that one.
@@ -125,17 +124,6 @@ class CompiledRecorder:
     def close(self) -> None:
         """End the log."""
         self.file.close()
-
-    def __enter__(self) -> CompiledRecorder:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _settings(self) -> tuple[float | None, int]:
         """What a user or a fault may change between steps."""

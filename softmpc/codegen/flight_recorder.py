@@ -6,7 +6,6 @@ import os
 import platform
 from dataclasses import dataclass
 from importlib.metadata import version
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from softmpc.codegen.flight_format import (
     StepRecord,
     qp_code,
 )
-from softmpc.codegen.flight_writer import FlightWriter, LogFile
+from softmpc.codegen.flight_writer import Closing, FlightWriter, LogFile
 from softmpc.codegen.problem_hash import problem_hash
 from softmpc.control.closed_loop import Controller
 from softmpc.control.memory import memory_of, remembers
@@ -102,7 +101,7 @@ class _Asked:
     u_before: np.ndarray
 
 
-class Recorded:
+class Recorded(Closing):
     """The controller that it is made with, and its log; what it does not know it asks that one.
 
     Its own part of a step's time is in none of the times that are reported.
@@ -156,17 +155,6 @@ class Recorded:
     def close(self) -> None:
         """End the log."""
         self.writer.close()
-
-    def __enter__(self) -> Recorded:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     # --- records ---------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
+from typing import Self
 
 from softmpc.codegen import flight_format as form
 from softmpc.codegen.flight_format import (
@@ -19,7 +20,7 @@ from softmpc.codegen.flight_format import (
 )
 from softmpc.errors import InputError
 
-__all__ = ["FlightWriter", "LogFile"]
+__all__ = ["Closing", "FlightWriter", "LogFile"]
 
 LOG = logging.getLogger(__name__)
 
@@ -53,7 +54,25 @@ class LogFile:
         self._file.close()
 
 
-class FlightWriter:
+class Closing:
+    """`with` ends it: what has a method `close`."""
+
+    def close(self) -> None:
+        """Nothing more is to come."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class FlightWriter(Closing):
     """Writes a log; every record is with the operating system when `write` returns.
 
     Steps are numbered here. Use it in a `with` block, or `close` it.
@@ -108,14 +127,3 @@ class FlightWriter:
     def close(self) -> None:
         """No more records."""
         self._file.close()
-
-    def __enter__(self) -> FlightWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
