@@ -240,7 +240,7 @@ def same_problem(bench: Bench) -> None:
     for word, recorded in bench.recorded.items():
         away = None
         for name, answers in bench.optima.items():
-            found = answers[recorded.name]
+            found = answers[recorded.name]["optimum"]
             at = found["at"]
             apart = np.abs(np.array(found["inputs"]) - recorded.arrays["optimum"][at]).max()
             away = refined(recorded, at) if away is None else away
