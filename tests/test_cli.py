@@ -537,7 +537,9 @@ def test_missing_words() -> None:
 
 def test_folder_that_cannot_be_made(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    assert "cannot make the folder" in complaint("info", scene(""), "--out", str(tmp_path / "file"))
+    assert "is a file; give a folder" in complaint(
+        "info", scene(""), "--out", str(tmp_path / "file")
+    )
 
 
 def test_scene_that_cannot_run(scene: Scene) -> None:

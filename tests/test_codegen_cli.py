@@ -123,3 +123,37 @@ def test_no_compiler(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ended = call("track", scene, "--controller", "c")
     assert ended.exit_code == 2
     assert "no C compiler (CC is set, but /nonexistent/cc is not found)" in ended.stderr
+
+
+def test_files_of_the_user_are_never_replaced(scene: Path, tmp_path: Path) -> None:
+    """Neither beside the controller nor in a folder below it; what building makes is."""
+    out = tmp_path / "controller"
+    assert call("codegen", scene, "--out", out).exit_code == 0
+    (out / "build" / "double").mkdir(parents=True)
+    (out / "build" / "double" / "nmpc.o").write_text("")
+    (out / "src").mkdir()
+    (out / "src" / "firmware.c").write_text("int main(void) { return 0; }")
+    refused = call("codegen", scene, "--out", out)
+    assert refused.exit_code == 2
+    assert "not a controller's (src/firmware.c)" in refused.stderr
+    assert (out / "src" / "firmware.c").is_file()
+    (out / "src" / "firmware.c").unlink()
+    (out / "src").rmdir()
+    assert call("codegen", scene, "--out", out).exit_code == 0
+
+
+def test_what_fails_leaves_no_folder(scene: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert call("codegen", tmp_path / "none.toml", "--out", out).exit_code == 2
+    assert not out.exists()
+
+
+def test_the_hash_knows_what_was_asked_for(scene: Path, tmp_path: Path) -> None:
+    """Two controllers that act otherwise are two builds."""
+    hashes = {
+        json.loads(call("codegen", scene, "--out", tmp_path / "c", "--json", *more).stdout)[
+            "scene_hash"
+        ]
+        for more in ((), ("--iterations", 7), ("--max-rows", 9), ())
+    }
+    assert len(hashes) == 3

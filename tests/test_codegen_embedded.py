@@ -36,7 +36,7 @@ on_board = needs(HOST, CORTEX_M7)
 def stand_in(folder: Path, change: Callable[[str], str] = str, memory: str = "") -> Path:
     """A directory like a generated one; `change` of the text of its controller.c."""
     folder.mkdir()
-    for name in ("controller.h", "linear.c", "linear.h", "real.h"):
+    for name in ("controller.h", "linear.c", "linear.h", "real.h", "scalar.h"):
         shutil.copy(C / name, folder)
     shutil.copytree(C / "board", folder / "board")
     for path in STAND_IN.iterdir():

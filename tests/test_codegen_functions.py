@@ -41,7 +41,9 @@ class Library:
 
     def __init__(self, texts: dict[str, str], real: Any = ctypes.c_double) -> None:
         folder = Path(tempfile.mkdtemp(dir=small.scratch()))
-        for name, text in ({"real.h": c_source("real.h")} | texts).items():
+        for name, text in (
+            {name: c_source(name) for name in ("real.h", "scalar.h")} | texts
+        ).items():
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text, encoding="utf-8")
         made = folder / "functions.so"

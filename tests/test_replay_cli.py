@@ -71,7 +71,7 @@ def test_the_command(place: Path, tmp_path: Path) -> None:
     (replay,) = data["replays"]
     assert (replay["by"], replay["same_bits"], replay["largest_difference"]) == ("python", 14, 0.0)
     made = {path.name for path in (tmp_path / "out").iterdir()}
-    assert made == {"replay.json", "replay.png", "replay.csv"}
+    assert made == {"replay.json", "replay.png", "replay.csv", "steps.bin"}
     lines = (tmp_path / "out" / "replay.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "step,status,python difference,python status"
     assert lines[1] == "0,solved,0.0,solved" and len(lines) == 15

@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -77,10 +77,17 @@ def answering(name: str) -> Callable[[Callable[..., Answer]], Callable[..., int]
 def _answer(name: str, function: Callable[..., Answer], out: Path | None, **given: Any) -> Answer:
     """Call a command function; with `out`, what it finds is written there as well."""
     started = time.perf_counter()
+    fresh = out is not None and not out.exists()
     if out:
         _make_folder(out)
-    with redirect_stdout(sys.stderr):  # libraries that print do not spoil the answer
-        answer = function(out=out, **given)
+    try:
+        with redirect_stdout(sys.stderr):  # libraries that print do not spoil the answer
+            answer = function(out=out, **given)
+    except BaseException:
+        if out and fresh:
+            with suppress(OSError):  # it stays where something was written
+                out.rmdir()
+        raise
     if out:
         write_text(out / f"{name}.json", as_json(answer.data, indent=2))
     log.info("took %.2f s", time.perf_counter() - started)
@@ -186,6 +193,8 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _make_folder(path: Path) -> None:
+    if path.exists() and not path.is_dir():
+        raise click.BadParameter(f"{path} is a file; give a folder", param_hint="--out")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

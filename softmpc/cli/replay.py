@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["DIFFERENT", "command"]
 
+STEPS = ("given", "u_before", "x")  # of a record: what a controller is given
 DIFFERENT = 4  # exit status: the replay is not what the log says
 TOLERANCE = {"N·m": 1e-8, "Pa": 1e-2}  # for another build than the log's, in numbers of 8 bytes
 OF_FLOATS = 1e-3 / 1e-8  # more, in those of 4
@@ -74,7 +75,7 @@ def command(
     if out:
         _write(out, replay, done)
     wrong = [one.name for one in found if not one.agrees]
-    problem = f"{' and '.join(wrong)}: not what {log} says" if wrong else ""
+    problem = f"{' and '.join(wrong)}: not what {log} says, see the table" if wrong else ""
     return Answer(data, _text(data), DIFFERENT if wrong else OK, problem)
 
 
@@ -190,6 +191,8 @@ def _columns(data: dict[str, Any]) -> list[str]:
 def _write(out: Path, replay: Replay, done: Sequence[tuple[Comparison, Replayed]]) -> None:
     import numpy as np
 
+    from softmpc.codegen.emulate import Steps
+    from softmpc.files import replacing
     from softmpc.view.replay import replay_figure
     from softmpc.view.style import save_figure
 
@@ -206,6 +209,9 @@ def _write(out: Path, replay: Replay, done: Sequence[tuple[Comparison, Replayed]
     made = replay_figure(replay.title, time, recorded, inputs, found, replay.torque)
     save_figure(made, out / "replay.png")
     write_text(out / "replay.csv", _csv(replay, done))
+    given = (np.array([getattr(step, part) for step in steps]) for part in STEPS)
+    with replacing(out / "steps.bin") as beside:  # what the programs of `board` read
+        Steps(*given).numbers().tofile(beside)
 
 
 def _csv(replay: Replay, done: Sequence[tuple[Comparison, Replayed]]) -> str:

@@ -31,7 +31,7 @@ __all__ = ["BASELINES", "baseline_files", "generate_baseline", "told_of"]
 Baseline = Regulated | StaticsTable
 BASELINES: dict[str, type[Baseline]] = {"lqr": Regulated, "table": StaticsTable}
 SHARED = (
-    "controller.h", "real.h", "linear.h", "linear.c", "guard.h", "guard.c", "names.c",
+    "controller.h", "real.h", "scalar.h", "linear.h", "linear.c", "guard.h", "guard.c", "names.c",
     "baselines/memory.h", "baselines/parts.h", "baselines/baseline.c",
 )  # fmt: skip
 
@@ -88,6 +88,7 @@ def _data(baseline: Baseline) -> tuple[str, str]:
     """data.h and data.c."""
     guard = baseline.guard
     arrays = {
+        "smpc_nodes": np.zeros(1),
         "smpc_places": baseline.places,
         "smpc_gains": baseline.gains,
         "smpc_least_input": guard.low,

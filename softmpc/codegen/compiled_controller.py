@@ -39,7 +39,7 @@ class _Report(ctypes.Structure):
     """smpc_report of memory.h; the real numbers have the type of the build."""
 
     _ints = ("status", "qp", "source", "iterations", "active", "failures", "clipped", "restarted")
-    _reals = ("cost", "kkt", "share", "violation")
+    _reals = ("cost", "share", "kkt", "violation")
 
 
 def _report_type(real: Any) -> Any:

@@ -14,6 +14,10 @@ from softmpc.errors import InputError
 
 __all__ = ["c_source", "checked_folder", "identity_of", "write_folder"]
 
+MANIFEST = "files.txt"  # what was written
+BUILT = {"run", "libsmpc.a", "libsmpc_arm.a", "codegen.json"}  # beside the folder `build`
+NAMED = 3  # files of others, in an error
+
 
 def c_source(name: str) -> str:
     """A file of `softmpc/codegen/c`, which is the same in all directories."""
@@ -35,15 +39,34 @@ def checked_folder(out: str | os.PathLike[str]) -> Path:
     folder = Path(out)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; give a folder")
-    used = folder.is_dir() and any(folder.iterdir())
-    if used and not (folder / "controller.h").is_file():
-        raise InputError(f"{folder}: holds files that are not a controller's; give an empty folder")
+    others = _files_of_others(folder)
+    if others:
+        named = ", ".join(others[:NAMED]) + (", …" if len(others) > NAMED else "")
+        raise InputError(
+            f"{folder}: holds files that are not a controller's ({named}), and writing it replaces "
+            "all that is there; give an empty folder, or move them"
+        )
     return folder
+
+
+def _files_of_others(folder: Path) -> list[str]:
+    """Files of a folder that neither was written nor comes from building what was."""
+    if not folder.is_dir():
+        return []
+    listed = folder / MANIFEST
+    own = set(listed.read_text(encoding="utf-8").split("\n")) if listed.is_file() else set()
+    found = [path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir()]
+    return sorted(
+        path.as_posix()
+        for path in found
+        if path.as_posix() not in own | BUILT and (path.parts[0] != "build" or not own)
+    )
 
 
 def write_folder(folder: Path, texts: Mapping[str, str]) -> None:
     """All files beside the old ones, then instead of them: a crash leaves the old folder."""
     beside = folder.with_name(f".{os.getpid()}.{folder.name}")
+    texts = {**texts, MANIFEST: "\n".join(sorted([*texts, MANIFEST])) + "\n"}
     try:
         shutil.rmtree(beside, ignore_errors=True)
         for name, text in texts.items():

@@ -39,7 +39,8 @@ __all__ = ["Generated", "generate", "generate_controller", "generate_file"]
 
 ITERATIONS = 1000  # of the quadratic program in a step, as in Python
 CORE = (
-    "controller.h", "memory.h", "parts.h", "real.h", "sparse.h", "linear.h", "ldp.h", "guard.h",
+    "controller.h", "memory.h", "parts.h", "real.h", "scalar.h", "sparse.h", "linear.h", "ldp.h",
+    "guard.h",
     "linear.c", "sparse.c", "dynamics.c", "spread.c", "terms.c", "condense.c", "program.c",
     "quadratic.c", "ldp.c", "daqp_sources.c", "merit.c", "rollout.c", "real_time.c", "nmpc.c",
     "guard.c", "plan.c", "names.c",
@@ -129,8 +130,9 @@ def generate_controller(
     data = ControllerData(solver, 1_000_000 if max_rows is None else max_rows)
     texts = sources("model", controller_functions(solver.linearisation))
     texts["data.h"], texts["data.c"] = data.text()
-    identity = identity_of(texts, CORE)
     worst = conditioning(solver, [(start.x, start.u)])
+    sizes = sizes_header(data, {}, iterations, worst)
+    identity = identity_of(texts | {"sizes.h": sizes}, CORE)
     texts["sizes.h"] = sizes_header(data, identity, iterations, worst)
     told = mpc.transcription.objective.references
     texts |= monitor_files(mpc.ocp.model, told, back_off, workspace)

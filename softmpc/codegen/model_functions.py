@@ -117,9 +117,10 @@ def sources(name: str, functions: list[Wrapped]) -> dict[str, str]:
     needed = '#include "real.h"\n\n' if any(one.real == "smpc_real" for one in functions) else ""
     files = {f"{name}.h": c_text.guard(f"{name}.h", needed + "\n".join(lines))}
     for one in functions:
+        scalar = '#include "scalar.h"\n' if one.real == "smpc_real" else ""
         files[f"{name}_{one.name}.c"] = (
             "/* Written by CasADi; the wrapper at the end is softmpc's. */\n"
-            f'#include "{name}.h"\n#define casadi_real {one.real}\n#define casadi_int int\n'
+            f'#include "{name}.h"\n{scalar}#define casadi_real {one.real}\n#define casadi_int int\n'
             f"#define CASADI_CODEGEN_PREFIX\n#define CODEGEN_PREFIX smpc_{one.name}_\n"
             f"{_private(c_code(one.function))}\n{one.body}"
         )

@@ -7,6 +7,7 @@
 #define _POSIX_C_SOURCE 199309L
 #include "controller.h"
 #include "data.h"
+#include "scalar.h"
 
 #include <float.h>
 #include <stdint.h>

@@ -57,11 +57,14 @@ unsigned long smpc_memory(void);
 /* Forgets everything; call it first. */
 void smpc_init(smpc_controller *c);
 
+/* Times of the SMPC_N nodes, the ends of the intervals, from the step on (s). */
+extern const smpc_real smpc_nodes[SMPC_N];
+
 /* References at the SMPC_N coming nodes, SMPC_NR numbers each, in the order of SMPC_REFERENCES. */
 void smpc_set_reference(smpc_controller *c, const smpc_real *references);
 
-/* Narrower limits of the input and of its change in one step, SMPC_INPUTS numbers each; NULL keeps
- * those of the scene. They are never wider than the scene's, and are kept by plans too (that of the
+/* Narrower limits of the input and of its change from one step to the next (in the input's unit; fall
+ * is below zero, rise above), SMPC_INPUTS numbers each; NULL keeps those of the scene. They are never wider than the scene's, and are kept by plans too (that of the
  * change where the scene limits it). Returns 0, or -1 and changes nothing where a lower one is not
  * below the upper one or a number is NaN. */
 int smpc_set_limits(

@@ -1,5 +1,5 @@
 /* DAQP as its authors wrote it (daqp/), in the number type of the controller. */
-#include "real.h"
+#include "scalar.h"
 
 #ifdef SMPC_FLOAT
 #define DAQP_SINGLE_PRECISION

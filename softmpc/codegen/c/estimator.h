@@ -62,9 +62,9 @@ typedef struct {
 /* A step of the arm that was solved; the next one begins on its slope. */
 typedef struct {
     int known;
-    real causes[SMPC_CAUSES]; /* q, dq, pressures at the stages, force */
-    real a[SMPC_UNKNOWNS];
-    real slope[SMPC_UNKNOWNS * SMPC_CAUSES];
+    smpc_real causes[SMPC_CAUSES]; /* q, dq, pressures at the stages, force */
+    smpc_real a[SMPC_UNKNOWNS];
+    smpc_real slope[SMPC_UNKNOWNS * SMPC_CAUSES];
 } smpc_stages;
 
 /* Of each sensor: its last reading that counted, and how many in a row were too far. */
@@ -74,8 +74,8 @@ typedef struct {
 } smpc_trust;
 
 typedef struct {
-    real s[SMPC_FILTERED]; /* state / scale, then the disturbance */
-    real P[SMPC_FILTERED * SMPC_FILTERED];
+    smpc_real s[SMPC_FILTERED]; /* state / scale, then the disturbance */
+    smpc_real P[SMPC_FILTERED * SMPC_FILTERED];
     smpc_stages stages;
     smpc_trust trust;
 } smpc_belief;
@@ -83,18 +83,18 @@ typedef struct {
 /* A time at which readings were taken or an input changed: what was believed before them. */
 typedef struct {
     int32_t tick;
-    real s[SMPC_FILTERED];
-    real P[SMPC_FILTERED * (SMPC_FILTERED + 1) / 2]; /* its upper half, row after row */
+    smpc_real s[SMPC_FILTERED];
+    smpc_real P[SMPC_FILTERED * (SMPC_FILTERED + 1) / 2]; /* its upper half, row after row */
     smpc_stages stages;
     smpc_trust trust;
-    real nis[SMPC_SENSORS]; /* normalised squares of its innovations; below 0 where it has none */
+    smpc_real nis[SMPC_SENSORS]; /* normalised squares of its innovations; below 0 where it has none */
     unsigned char rejected[SMPC_SENSORS];
     unsigned char contradicted; /* its readings were too far, as those before */
 } smpc_knot;
 
 /* What plausibility remembers of each sensor. */
 typedef struct {
-    real last[SMPC_READ], moved[SMPC_READ];
+    smpc_real last[SMPC_READ], moved[SMPC_READ];
     int32_t moved_at[SMPC_SENSORS], away_since[SMPC_SENSORS]; /* SMPC_NEVER where it is not so */
     int32_t equal[SMPC_SENSORS];                              /* readings in a row; 0 before any */
 } smpc_seen;
@@ -104,41 +104,41 @@ typedef struct {
     int count;   /* of values */
     int sensors; /* of sensors that they are of */
     int sensor[SMPC_SENSORS], start[SMPC_SENSORS + 1];
-    real e[SMPC_READ], R[SMPC_READ];
-    real H[SMPC_READ * SMPC_FILTERED];
+    smpc_real e[SMPC_READ], R[SMPC_READ];
+    smpc_real H[SMPC_READ * SMPC_FILTERED];
     int filled[SMPC_READ]; /* columns of a row of H that are not zero */
     unsigned short column[SMPC_READ][SMPC_FILTERED];
-    real HP[SMPC_READ * SMPC_FILTERED];
-    real gain[SMPC_READ * SMPC_FILTERED]; /* transposed */
-    real S[SMPC_READ * SMPC_READ], factor[SMPC_READ * SMPC_READ];
-    real nis[SMPC_SENSORS], far[SMPC_SENSORS]; /* far: 1 is the edge of what is likely */
-    real tips[SMPC_TIPS], tips_slope[SMPC_TIPS * SMPC_STRAINS];
+    smpc_real HP[SMPC_READ * SMPC_FILTERED];
+    smpc_real gain[SMPC_READ * SMPC_FILTERED]; /* transposed */
+    smpc_real S[SMPC_READ * SMPC_READ], factor[SMPC_READ * SMPC_READ];
+    smpc_real nis[SMPC_SENSORS], far[SMPC_SENSORS]; /* far: 1 is the edge of what is likely */
+    smpc_real tips[SMPC_TIPS], tips_slope[SMPC_TIPS * SMPC_STRAINS];
 } smpc_look;
 
 /* All of a step of some length that does not depend on the state. */
 typedef struct {
-    real length; /* s, of what follows */
-    real of_rate[SMPC_FILTER_STAGES], kept; /* strains and rates at the stages, from rates before */
-    real to_strain[SMPC_FILTER_STAGES][SMPC_FILTER_STAGES]; /* and from unknowns */
-    real to_rate[SMPC_FILTER_STAGES][SMPC_FILTER_STAGES];
-    real drive[SMPC_FILTER_STAGES][SMPC_SIZE(SMPC_DRIVE_NUMBERS)]; /* exponentials of blocks */
-    real drive_rows[SMPC_SIZE(SMPC_DRIVE_ENTRIES)];
-    real pressure_rows[SMPC_FILTER_STAGES][SMPC_SIZE(SMPC_PRESSURE_ENTRIES)];
-    real block[3][SMPC_DRIVE_LARGEST * SMPC_DRIVE_LARGEST];
+    smpc_real length; /* s, of what follows */
+    smpc_real of_rate[SMPC_FILTER_STAGES], kept; /* strains and rates at the stages, from rates before */
+    smpc_real to_strain[SMPC_FILTER_STAGES][SMPC_FILTER_STAGES]; /* and from unknowns */
+    smpc_real to_rate[SMPC_FILTER_STAGES][SMPC_FILTER_STAGES];
+    smpc_real drive[SMPC_FILTER_STAGES][SMPC_SIZE(SMPC_DRIVE_NUMBERS)]; /* exponentials of blocks */
+    smpc_real drive_rows[SMPC_SIZE(SMPC_DRIVE_ENTRIES)];
+    smpc_real pressure_rows[SMPC_FILTER_STAGES][SMPC_SIZE(SMPC_PRESSURE_ENTRIES)];
+    smpc_real block[3][SMPC_DRIVE_LARGEST * SMPC_DRIVE_LARGEST];
 } smpc_lasting;
 
 /* What a step works with. */
 typedef struct {
     smpc_lasting of;
-    real causes[SMPC_CAUSES], a[SMPC_UNKNOWNS];
-    real z[SMPC_SIZE(SMPC_DRIVE)]; /* at the end */
-    real by_a[SMPC_UNKNOWNS * SMPC_UNKNOWNS];
-    real right[SMPC_UNKNOWNS * (1 + SMPC_CAUSES)]; /* values, then slopes in the causes */
+    smpc_real causes[SMPC_CAUSES], a[SMPC_UNKNOWNS];
+    smpc_real z[SMPC_SIZE(SMPC_DRIVE)]; /* at the end */
+    smpc_real by_a[SMPC_UNKNOWNS * SMPC_UNKNOWNS];
+    smpc_real right[SMPC_UNKNOWNS * (1 + SMPC_CAUSES)]; /* values, then slopes in the causes */
     int pivot[SMPC_UNKNOWNS];
-    real ends[2 * SMPC_STRAINS * SMPC_CAUSES];
-    real A[2 * SMPC_STRAINS * SMPC_FILTERED]; /* slope of strains and rates */
-    real A_turned[SMPC_FILTERED * 2 * SMPC_STRAINS];
-    real AP[SMPC_FILTERED * SMPC_FILTERED];
+    smpc_real ends[2 * SMPC_STRAINS * SMPC_CAUSES];
+    smpc_real A[2 * SMPC_STRAINS * SMPC_FILTERED]; /* slope of strains and rates */
+    smpc_real A_turned[SMPC_FILTERED * 2 * SMPC_STRAINS];
+    smpc_real AP[SMPC_FILTERED * SMPC_FILTERED];
 } smpc_move;
 
 typedef struct {

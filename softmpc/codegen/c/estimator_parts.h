@@ -4,6 +4,7 @@
 
 #include "estimator.h"
 #include "estimator_data.h"
+#include "scalar.h"
 
 /* Of the augmented state s: strains and rates (arm), drive, disturbance. */
 enum {

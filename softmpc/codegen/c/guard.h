@@ -3,6 +3,7 @@
 #define SMPC_GUARD_H
 
 #include "memory.h"
+#include "scalar.h"
 
 /* The nearest input within the limits. */
 void smpc_inside(const smpc_controller *c, const real *u, real *to);

@@ -3,6 +3,7 @@
 #define SMPC_LDP_H
 
 #include "memory.h"
+#include "scalar.h"
 
 #define SMPC_OPTIMAL_SLOPE ((real)SMPC_QP_SLOPE) /* of the largest g, that may be left */
 

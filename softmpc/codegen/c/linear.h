@@ -2,7 +2,7 @@
 #ifndef SMPC_LINEAR_H
 #define SMPC_LINEAR_H
 
-#include "real.h"
+#include "scalar.h"
 
 /* LU factors of A (n x n) in place, rows exchanged as pivot says; 0, or -1 where A is singular or
  * not finite. */

@@ -1,6 +1,7 @@
 /* See log.h. */
 #include "log.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { constraints = SMPC_MOVES + SMPC_PROGRAM_ROWS };

@@ -179,6 +179,7 @@ int smpc_feedback(smpc_controller *c, const real *x, real *u)
     real scaled[SMPC_NX];
     int solved = 0, good = 0;
     memset(r, 0, sizeof *r);
+    r->kkt = SMPC_HUGE; /* until something is solved */
     if (!c->asked) smpc_prepare(c, c->last_u);
     c->asked = 0;
     for (int i = 0; i < nx; i++) scaled[i] = x[i] / smpc_x_scale[i];

@@ -28,7 +28,7 @@ typedef struct {
     int asked;       /* whether the MPC was asked */
     int status;      /* its smpc_status, where it was */
     int trouble;     /* an smpc_trouble of the estimator, which then began anew */
-    real tip_spread; /* m, standard deviation of the tip when the input will act */
+    smpc_real tip_spread; /* m, standard deviation of the tip when the input will act */
     double estimate_seconds; /* by the clock that was given, 0 without */
 } smpc_act;
 
@@ -37,16 +37,16 @@ typedef struct {
     smpc_estimator estimator;
     smpc_supervisor supervisor;
     smpc_act act;
-    real u[SMPC_INPUTS]; /* given last */
+    smpc_real u[SMPC_INPUTS]; /* given last */
     smpc_input pending[SMPC_PENDING]; /* inputs that do not act yet */
     int pending_count;
     int failed_steps;    /* of the MPC, in a row */
     int problem;         /* status of its last step; SMPC_SOLVED without one */
     int holds;           /* whether `held` is used, in fall-back */
-    real held[SMPC_INPUTS];
-    real rest[SMPC_NX], holding[SMPC_INPUTS]; /* where the reference is: the last that were given */
-    real x[SMPC_NX], d[SMPC_FILTERED - SMPC_NX + 1]; /* expected when the input will act */
-    real references[SMPC_SIZE(SMPC_N * SMPC_NR)];
+    smpc_real held[SMPC_INPUTS];
+    smpc_real rest[SMPC_NX], holding[SMPC_INPUTS]; /* where the reference is: the last that were given */
+    smpc_real x[SMPC_NX], d[SMPC_FILTERED - SMPC_NX + 1]; /* expected when the input will act */
+    smpc_real references[SMPC_SIZE(SMPC_N * SMPC_NR)];
     double (*clock)(void *);
     void *clock_with;
 } smpc_pilot;

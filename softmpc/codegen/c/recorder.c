@@ -2,6 +2,7 @@
 #include "recorder.h"
 #include "problem.h" /* SMPC_PROBLEM_HASH, SMPC_SCENE */
 #include "recorder_bytes.h"
+#include "scalar.h"
 
 #include <string.h>
 

@@ -12,17 +12,17 @@ typedef struct {
     int failures;           /* steps in a row whose input is not the controller's own */
     int clipped;            /* whether the last guard changed the input */
     int restarted;
-    smpc_real cost, kkt, share, violation;
+    smpc_real cost, share, kkt, violation;
     double seconds;         /* by the clock that was given */
 } smpc_report;
 
 typedef struct {
-    real references[SMPC_NR];
-    real u_before[SMPC_INPUTS];
-    real integral[3]; /* of the tip's error (m s), of the controller that has one */
-    real last_u[SMPC_INPUTS];
+    smpc_real references[SMPC_NR];
+    smpc_real u_before[SMPC_INPUTS];
+    smpc_real integral[3]; /* of the tip's error (m s), of the controller that has one */
+    smpc_real last_u[SMPC_INPUTS];
     int has_last, asked, finite;
-    real low[SMPC_INPUTS], high[SMPC_INPUTS], fall[SMPC_INPUTS], rise[SMPC_INPUTS];
+    smpc_real low[SMPC_INPUTS], high[SMPC_INPUTS], fall[SMPC_INPUTS], rise[SMPC_INPUTS];
     double (*clock)(void *);
     void *clock_with;
     double budget, prepare_seconds;

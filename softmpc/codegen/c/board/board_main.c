@@ -27,7 +27,10 @@ int main(void)
 
     source = smpc_open("steps.bin", SMPC_READING);
     sink = smpc_open("answers.bin", SMPC_WRITING);
-    if (source < 0 || sink < 0) return 66;
+    if (source < 0 || sink < 0) {
+        smpc_say("no steps.bin to read, or answers.bin cannot be written", 66);
+        return 66;
+    }
     failed = smpc_run_steps(&tally);
     if (smpc_close(sink)) failed = -1;
     smpc_say("steps", tally.steps);

@@ -14,14 +14,14 @@ static void add(unsigned long ticks, unsigned long long *sum, unsigned long *mos
     if (ticks > *most) *most = ticks;
 }
 
-static void take(const double *from, real *to, int n)
+static void take(const double *from, smpc_real *to, int n)
 {
-    for (int i = 0; i < n; i++) to[i] = (real)from[i];
+    for (int i = 0; i < n; i++) to[i] = (smpc_real)from[i];
 }
 
 static void step(const double *given, double *answer, smpc_tally *tally)
 {
-    static real references[SMPC_N * SMPC_NR], u[SMPC_INPUTS], x[SMPC_NX];
+    static smpc_real references[SMPC_N * SMPC_NR], u[SMPC_INPUTS], x[SMPC_NX];
     unsigned long began;
     int status;
 

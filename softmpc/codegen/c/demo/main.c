@@ -2,8 +2,9 @@
  *
  *     ./run [--steps N] [--csv FILE]
  *
- * Prints how it went, and what the monitor saw at worst. Ends with 0 where all steps were solved, 1 where some were not, 2 for a command
- * that is wrong, 3 where the plant stops. */
+ * Prints how it went, and what the monitor saw at worst. Ends with 0 where all steps were solved, 1
+ * where some were not, 2 for a command that is wrong, 3 where the plant stops. */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -167,8 +168,7 @@ static double quantile(double share)
 
 static void print_summary(void)
 {
-    /* Brackets: real.h may have made a macro of sqrt, for floats. */
-    const double rms = run.samples ? (sqrt)(run.squares / (double)run.samples) : 0;
+    const double rms = run.samples ? sqrt(run.squares / (double)run.samples) : 0;
     qsort(run.ms, (size_t)run.steps, sizeof *run.ms, by_size);
     printf("%ld steps:", run.steps);
     for (int status = 0; status < STATUSES; status++)
@@ -176,7 +176,7 @@ static void print_summary(void)
             printf(" %ld %s,", run.statuses[status], smpc_status_name(status));
     if (run.samples)
         printf(" tip error after %g s: %.6f mm RMS, %.6f mm at most,", (double)SMPC_RUN_SETTLE,
-               1e3 * rms, 1e3 * (sqrt)(run.largest));
+               1e3 * rms, 1e3 * sqrt(run.largest));
     else
         printf(" no tip error counts before %g s,", (double)SMPC_RUN_SETTLE);
     printf(" step: %.3f ms median, %.3f ms at 99.9 %%\n", quantile(0.5), quantile(0.999));
@@ -199,6 +199,9 @@ static void print_monitor(void)
 #endif
     printf(" %d iterations of the quadratic program, %.2f on average\n", w->iterations,
            (double)monitor.mean_iterations);
+#if defined(SMPC_DISTURBANCES) && SMPC_DISTURBANCES
+    puts("the state is known here, and what the model lacks is not: the pilot estimates both (pilot.h)");
+#endif
 }
 
 int main(int count, char **words)
