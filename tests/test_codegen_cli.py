@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -123,6 +125,23 @@ def test_no_compiler(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ended = call("track", scene, "--controller", "c")
     assert ended.exit_code == 2
     assert "no C compiler (CC is set, but /nonexistent/cc is not found)" in ended.stderr
+
+
+@pytest.mark.skipif(not shutil.which("c++"), reason="no C++ compiler")
+def test_headers_are_good_guests(scene: Path, tmp_path: Path) -> None:
+    """In C++ and in float: they redefine nothing for those who include them."""
+    assert call("codegen", scene, "--out", tmp_path / "c").exit_code == 0
+    program = tmp_path / "firmware.cpp"
+    program.write_text(
+        '#include "controller.h"\n#include "monitor.h"\n#include "log.h"\n#include <cmath>\n'
+        "double real(double x) { return std::sqrt(x) + sqrt(x); }\n"
+        "double last() { return smpc_nodes[SMPC_N - 1]; }\n"
+    )
+    command = ["c++", "-DSMPC_FLOAT", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    ended = subprocess.run(
+        [*command, f"-I{tmp_path / 'c'}", str(program)], capture_output=True, text=True
+    )
+    assert ended.returncode == 0, ended.stderr
 
 
 def test_files_of_the_user_are_never_replaced(scene: Path, tmp_path: Path) -> None:
