@@ -21,7 +21,7 @@ from softmpc.errors import BuildError
 __all__ = ["build_library", "require_compiler", "sources_of"]
 
 STRAIGHT = ("-O1",)  # long lines of arithmetic: -O2 takes twice as long and makes them no faster
-LOOPS = ("-O3",)  # what is written by hand: loops that are worth vectorising
+LOOPS = ("-O3", "-funroll-loops")  # what is written by hand: loops along rows
 ALWAYS = ("-std=c99", "-ffp-contract=off", "-fPIC")
 SINGLE = ("-DSMPC_FLOAT", "-fsingle-precision-constant")
 SECONDS = 300.0  # then the compiler counts as hanging

@@ -59,7 +59,7 @@ class ControllerData:
             "END": end.rows, "END_BENT": len(end.bent_rows),
             "END_COLUMNS": len(end.bent_columns), "BOUNDED": len(bounded),
             "PROGRAM_ROWS": t.N * (len(bounded) + rows), "MOVING_TERMS": len(self.moving_terms),
-            "MOVING_ROWS": len(self.moving_rows), "MOST_SEEN": -4 * (-most_seen // 4),
+            "MOVING_ROWS": len(self.moving_rows), "MOST_SEEN": most_seen,
             "MAX_ROWS": min(self.rows, t.N * (len(bounded) + rows)),
             "DISTURBANCES": 0 if t.ocp.disturbance is None else len(t.ocp.disturbance),
             "DISTURBANCE_AT": t.disturbance_columns.start or 0,

@@ -22,6 +22,13 @@ static void add_scaled(real *restrict y, const real *restrict x, real f, int cou
     for (int j = 0; j < count; j++) y[j] += f * x[j];
 }
 
+static void add_four(real *restrict y, const real *restrict a, const real *restrict b,
+                     const real *restrict c, const real *restrict d, const real *f, int count)
+{
+    const real p = f[0], q = f[1], r = f[2], s = f[3];
+    for (int j = 0; j < count; j++) y[j] += p * a[j] + q * b[j] + r * c[j] + s * d[j];
+}
+
 /* The arm's state at the end of interval k in the moves. */
 static void next_sensitivity(const smpc_interval *l, int k, real before[][SMPC_MOVED],
                              real after[][SMPC_MOVED])
@@ -30,12 +37,11 @@ static void next_sensitivity(const smpc_interval *l, int k, real before[][SMPC_M
     for (int i = 0; i < arm; i++) {
         memset(after[i], 0, sizeof(real) * (size_t)reached(k));
         if (!k) continue;
-        for (int j = 0; j + 1 < arm; j += 2) {
-            const real f = l->arm[i * arm + j], g = l->arm[i * arm + j + 1];
-            const real *restrict x = before[j], *restrict y = before[j + 1];
-            real *restrict to = after[i];
-            for (int col = 0; col < old; col++) to[col] += f * x[col] + g * y[col];
-        }
+        int j = 0;
+        for (; j + 4 <= arm; j += 4)
+            add_four(after[i], before[j], before[j + 1], before[j + 2], before[j + 3],
+                     l->arm + i * arm + j, old);
+        for (; j < arm; j++) add_scaled(after[i], before[j], l->arm[i * arm + j], old);
     }
     for (int r = 0; r < SMPC_STAGED; r++) {
         const int row = k * SMPC_STAGED + r;
@@ -64,32 +70,38 @@ static void through(const coefficients *by, int k, real sensitivity[][SMPC_MOVED
     }
 }
 
-/* H += seen^T seen in its lower half; `seen` has a multiple of four rows. */
+/* H += seen^T seen in its lower half. */
 static void square(real *H, real seen[][SMPC_MOVED], int rows, int count)
 {
-    for (int r = 0; r < rows; r += 4) {
-        const real *restrict a = seen[r], *restrict b = seen[r + 1];
-        const real *restrict c = seen[r + 2], *restrict d = seen[r + 3];
+    int r = 0;
+    for (; r + 4 <= rows; r += 4)
         for (int i = 0; i < count; i++) {
-            const real x = a[i], y = b[i], z = c[i], w = d[i];
-            real *restrict h = H + i * moved;
-            for (int j = 0; j <= i; j++) h[j] += x * a[j] + y * b[j] + z * c[j] + w * d[j];
+            const real f[4] = {seen[r][i], seen[r + 1][i], seen[r + 2][i], seen[r + 3][i]};
+            add_four(H + i * moved, seen[r], seen[r + 1], seen[r + 2], seen[r + 3], f, i + 1);
         }
-    }
+    if (r + 3 == rows) /* three coordinates of a tip */
+        for (int i = 0; i < count; i++) {
+            const real x = seen[r][i], y = seen[r + 1][i], z = seen[r + 2][i];
+            const real *restrict a = seen[r], *restrict b = seen[r + 1], *restrict c = seen[r + 2];
+            real *restrict h = H + i * moved;
+            for (int j = 0; j <= i; j++) h[j] += x * a[j] + y * b[j] + z * c[j];
+        }
+    else
+        for (; r < rows; r++)
+            for (int i = 0; i < count; i++) add_scaled(H + i * moved, seen[r], seen[r][i], i + 1);
 }
 
 /* The residuals of an interval that move: their part of H. */
 static void add_costs(smpc_controller *c, int k, real sensitivity[][SMPC_MOVED])
 {
     const real one = 1;
-    for (int r = 0; r < (SMPC_MOVING_TERMS + 3) / 4 * 4; r++)
-        memset(c->seen[r], 0, sizeof(real) * (size_t)reached(k));
     for (int r = 0; r < SMPC_MOVING_TERMS; r++) {
+        memset(c->seen[r], 0, sizeof(real) * (size_t)reached(k));
         coefficients by = {{0}, {0}, {0}};
         smpc_slopes_of(&c->linear, k, &one, smpc_moving_terms[r], 1, by.before, by.u, by.x);
         through(&by, k, sensitivity, c->seen[r]);
     }
-    square(c->program.H, c->seen, (SMPC_MOVING_TERMS + 3) / 4 * 4, reached(k));
+    square(c->program.H, c->seen, SMPC_MOVING_TERMS, reached(k));
 }
 
 static void add_end(smpc_controller *c, real sensitivity[][SMPC_MOVED])
@@ -102,7 +114,7 @@ static void add_end(smpc_controller *c, real sensitivity[][SMPC_MOVED])
         smpc_end_slopes_of(&c->linear, pick, by.before, by.u, by.x);
         through(&by, SMPC_N - 1, sensitivity, c->seen[r]);
     }
-    square(c->program.H, c->seen, (SMPC_END + 3) / 4 * 4, moved);
+    square(c->program.H, c->seen, SMPC_END, moved);
 }
 
 /* The rows of the program of an interval that move. */

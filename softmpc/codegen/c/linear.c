@@ -12,6 +12,14 @@ static void swap_rows(real *a, real *b, int m)
     }
 }
 
+/* y -= f[0] x + f[1] x1 + f[2] x2 + f[3] x3 */
+static void subtract_four(real *restrict y, const real *x, const real *x1, const real *x2,
+                          const real *x3, const real *f, int m)
+{
+    const real a = f[0], b = f[1], c = f[2], d = f[3];
+    for (int j = 0; j < m; j++) y[j] -= a * x[j] + b * x1[j] + c * x2[j] + d * x3[j];
+}
+
 /* y -= f x */
 static void subtract(real *restrict y, const real *restrict x, real f, int m)
 {
@@ -41,15 +49,25 @@ int smpc_lu(real *A, int *pivot, int n)
     return 0;
 }
 
+/* y -= sum of f[k] times row k of X */
+static void subtract_all(real *y, const real *X, const real *f, int rows, int m)
+{
+    int k = 0;
+    for (; k + IN_ONE <= rows; k += IN_ONE) {
+        const real *x = X + k * m;
+        subtract_four(y, x, x + m, x + 2 * m, x + 3 * m, f + k, m);
+    }
+    for (; k < rows; k++) subtract(y, X + k * m, f[k], m);
+}
+
 void smpc_lu_solve(const real *LU, const int *pivot, int n, real *X, int m)
 {
     for (int k = 0; k < n; k++)
         if (pivot[k] != k) swap_rows(X + k * m, X + pivot[k] * m, m);
-    for (int i = 1; i < n; i++)
-        for (int k = 0; k < i; k++) subtract(X + i * m, X + k * m, LU[i * n + k], m);
+    for (int i = 1; i < n; i++) subtract_all(X + i * m, X, LU + i * n, i, m);
     for (int i = n - 1; i >= 0; i--) {
         real *x = X + i * m, f = 1 / LU[i * n + i];
-        for (int k = i + 1; k < n; k++) subtract(x, X + k * m, LU[i * n + k], m);
+        subtract_all(x, x + m, LU + i * n + i + 1, n - i - 1, m);
         for (int j = 0; j < m; j++) x[j] *= f;
     }
 }
@@ -63,14 +81,6 @@ void smpc_lu_solve_transposed(const real *LU, const int *pivot, int n, real *x)
     for (int i = n - 1; i > 0; i--) subtract(x, LU + i * n, x[i], i);
     for (int k = n - 1; k >= 0; k--)
         if (pivot[k] != k) swap_rows(x + k, x + pivot[k], 1);
-}
-
-/* y -= f[0] x + f[1] x1 + f[2] x2 + f[3] x3 */
-static void subtract_four(real *restrict y, const real *x, const real *x1, const real *x2,
-                          const real *x3, const real *f, int m)
-{
-    const real a = f[0], b = f[1], c = f[2], d = f[3];
-    for (int j = 0; j < m; j++) y[j] -= a * x[j] + b * x1[j] + c * x2[j] + d * x3[j];
 }
 
 /* The upper factor is made row by row, so that loops run along rows, and is then turned over. */
