@@ -146,7 +146,11 @@ def loop(mpc: Mpc, ours: CompiledController, start: Start, far: float, steps: in
         x = plant.advance(x, u, 0.025)[-1]
 
 
-@pytest.mark.parametrize("name", CASES)
+SHORT = ("plain", "blocks", "grid", "quasi-static", "hard and soft boxes", "disturbed")
+EACH = [pytest.param(name, marks=() if name in SHORT else pytest.mark.slow) for name in CASES]
+
+
+@pytest.mark.parametrize("name", EACH)
 def test_same_steps_as_python(name: str, tmp_path: Path) -> None:
     case = CASES[name]
     mpc, start = case.mpc()
