@@ -126,6 +126,11 @@ def _building(texts: Mapping[str, str], macros: Mapping[str, str]) -> str:
         "`--csv FILE` keeps the motion, `--steps N` stops after a part of it. `make test` builds "
         f"and runs it. {single}"
     )
+    if "pilot.h" in texts:
+        program += (
+            " It is told the state and leaves the pilot out, so that what the model lacks is not "
+            "made up for: for the tip's error on the rig see `softmpc track SCENE --controller c`."
+        )
     return f"## Build it and try it\n\n```sh\nmake\n./run\n```\n\n{_wrapped(program)}"
 
 
