@@ -92,7 +92,7 @@ class _AtPlaces(FeedForward):
 
     @property
     def places(self) -> Array:
-        """Tips at rest where the gains are made (`PLACES`×3), m."""
+        """Tips at rest where the gains are made (places × 3), m."""
         return self.rest.tips[self._at]
 
     def _nearest(self, tip: Array) -> int:
@@ -114,7 +114,7 @@ class Regulated(_AtPlaces):
 
     @cached_property
     def gains(self) -> Array:
-        """u = input - K (x - moving, u_before - input before): K (`PLACES`×k×(nx+k)), SI."""
+        """K (places × k × (nx+k), SI) of u = input - K (x - moving, u_before - input before)."""
         layout = self.ocp.model.layout
         by = np.concatenate([layout.x.scale, layout.u.scale])
         K = np.array([terminal.regulator.K for terminal in self._terminals])
