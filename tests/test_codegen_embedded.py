@@ -140,7 +140,7 @@ def test_the_stack_of_the_board_is_within_the_bound(
     assert LEAST[precision] < used <= bound["bytes"] <= used + 64
     assert bound["fits"] and bound["budget"] == 128 * 1024
     feedback = figures[precision]["calls"]["smpc_feedback"]
-    assert feedback["path"] == ["smpc_feedback", "smpc_lu_solve"]
+    assert feedback["path"][:2] == ["smpc_feedback", "smpc_lu_solve"]
 
 
 @on_board
