@@ -35,19 +35,14 @@ SOURCE = ("solution", "shifted plan", "held input")
 Array = np.ndarray
 
 
-class _Report(ctypes.Structure):
-    """smpc_report of memory.h; the real numbers have the type of the build."""
-
-    _ints = ("status", "qp", "source", "iterations", "active", "failures", "clipped", "restarted")
-    _reals = ("cost", "share", "kkt", "violation")
-
-
 def _report_type(real: Any) -> Any:
-    ints = [(name, ctypes.c_int) for name in _Report._ints]
-    reals = [(name, real) for name in _Report._reals]
-    return type("Report", (ctypes.Structure,), {
-        "_fields_": [*ints, *reals, ("seconds", ctypes.c_double)]
-    })  # fmt: skip
+    """smpc_report of memory.h; the real numbers have the type of the build."""
+    ints = ("status", "qp", "source", "iterations", "active", "failures", "clipped", "restarted")
+    reals = ("cost", "share", "kkt", "violation")
+    fields = [*((name, ctypes.c_int) for name in ints), *((name, real) for name in reals)]
+    return type(
+        "Report", (ctypes.Structure,), {"_fields_": [*fields, ("seconds", ctypes.c_double)]}
+    )
 
 
 class CompiledController:
@@ -80,7 +75,7 @@ class CompiledController:
         self._clock = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p)(lambda _: clock())
         self._budget, self._cap = budget, 0
         self._u = np.zeros(transcription.inputs, self.dtype)
-        self._asked: tuple[float, bool] | None = None
+        self._asked: float | None = None  # s that preparing took
         self._last: Array | None = None
         self.reset()
 
@@ -163,14 +158,14 @@ class CompiledController:
         references = self._given(self.transcription.references(given))
         self.library.smpc_set_reference(self._at, references)
         self.library.smpc_prepare(self._at, self._given(u))
-        self._asked = time.perf_counter() - began, True
+        self._asked = time.perf_counter() - began
 
     def feedback(self, x: Any) -> Step:
         """The input for the state x as measured."""
         began = time.perf_counter()
         if self._asked is None:
             raise InputError("CompiledController.feedback: call `prepare` before each `feedback`")
-        prepared, self._asked = self._asked[0], None
+        prepared, self._asked = self._asked, None
         state = self._given(self._sized("x", x, self.transcription.nx))
         out = self._u.ctypes.data_as(ctypes.POINTER(self.real))
         self.library.smpc_feedback(self._at, state, out)

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from importlib import resources
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -108,33 +104,17 @@ def through_qemu(log: FlightLog, folder: Path) -> Replayed:
     """
     found = Replayed("qemu", "C on the emulated board")
     precision = "float" if log.header.real_bytes == 4 else "double"
-    with _with_board(folder) as whole:
-        for run in _runs(log):
-            steps = [log.steps[place] for place in run]
-            parts = ("given", "u_before", "x")
-            given = (np.array([getattr(one, part) for one in steps]) for part in parts)
-            answers = run_steps(whole, Steps(*given), precision=precision)
-            for k, place in enumerate(run):
-                figures = answers.status[k], answers.qp[k], answers.iterations[k]
-                status, qp, iterations = (int(figure) for figure in figures)
-                found.outcomes[place] = Outcome(answers.u[k], status, qp, iterations=iterations)
+    for run in _runs(log):
+        steps = [log.steps[place] for place in run]
+        parts = ("given", "u_before", "x")
+        given = (np.array([getattr(one, part) for one in steps]) for part in parts)
+        answers = run_steps(folder, Steps(*given), precision=precision)
+        for k, place in enumerate(run):
+            figures = answers.status[k], answers.qp[k], answers.iterations[k]
+            status, qp, iterations = (int(figure) for figure in figures)
+            found.outcomes[place] = Outcome(answers.u[k], status, qp, iterations=iterations)
     found.left_out = len(log.steps) - len(found.outcomes)
     return found
-
-
-@contextmanager
-def _with_board(folder: Path) -> Iterator[Path]:
-    """A generated folder with the board's program in it; a copy where it has none."""
-    if (folder / "board").is_dir():
-        yield folder
-        return
-    board = resources.files("softmpc.codegen").joinpath("c", "board")
-    with tempfile.TemporaryDirectory(prefix="softmpc-board-") as scratch:
-        whole = Path(scratch) / "controller"
-        shutil.copytree(folder, whole, ignore=shutil.ignore_patterns("build"))
-        with resources.as_file(board) as own:
-            shutil.copytree(own, whole / "board")
-        yield whole
 
 
 def _runs(log: FlightLog) -> Sequence[Sequence[int]]:

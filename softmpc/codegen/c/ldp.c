@@ -194,7 +194,7 @@ static int is_optimal(smpc_qp_memory *m, const DAQPWorkspace *work)
         if (fabs(m->v[j]) > most) most = (real)fabs(m->v[j]);
         if (!(fabs(m->x_old[j]) <= left)) left = (real)fabs(m->x_old[j]);
     }
-    return left <= SMPC_OPTIMAL_SLOPE * most;
+    return left <= (real)SMPC_QP_SLOPE * most;
 }
 
 static void take_answer(smpc_controller *c, const DAQPWorkspace *work)

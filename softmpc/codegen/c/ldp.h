@@ -5,8 +5,6 @@
 #include "memory.h"
 #include "scalar.h"
 
-#define SMPC_OPTIMAL_SLOPE ((real)SMPC_QP_SLOPE) /* of the largest g, that may be left */
-
 int smpc_least_distance(smpc_controller *c, double deadline);
 
 #endif

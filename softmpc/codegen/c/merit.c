@@ -89,7 +89,7 @@ void smpc_weigh(smpc_controller *c)
     if (SMPC_ROWS) above(w->rows[0], SMPC_N * SMPC_ROWS);
 }
 
-real smpc_over(real value, real low, real high)
+static real beyond(real value, real low, real high)
 {
     const real under = low - value, over = value - high;
     const real most = under > over ? under : over;
@@ -105,13 +105,13 @@ real smpc_merit(const smpc_controller *c, const smpc_path *at, const smpc_measur
         for (int i = 0; i < nx; i++)
             sum += w->nodes[k][i] * (real)fabs(measured->defects[k][na + i]);
         for (int i = 0; i < nu; i++)
-            sum += w->u[k][i] * smpc_over(at->u[k][i], c->u_low[i], c->u_high[i]);
+            sum += w->u[k][i] * beyond(at->u[k][i], c->u_low[i], c->u_high[i]);
         for (int b = 0; b < SMPC_BOUNDED; b++) {
             const int i = smpc_bounded[b];
-            sum += w->x[k][i] * smpc_over(at->x[k][i], smpc_x_low[i], smpc_x_high[i]);
+            sum += w->x[k][i] * beyond(at->x[k][i], smpc_x_low[i], smpc_x_high[i]);
         }
         for (int r = 0; r < SMPC_ROWS; r++)
-            sum += w->rows[k][r] * smpc_over(measured->rows[k][r], c->row_low[r], c->row_high[r]);
+            sum += w->rows[k][r] * beyond(measured->rows[k][r], c->row_low[r], c->row_high[r]);
     }
     return measured->cost + sum;
 }
@@ -143,11 +143,11 @@ real smpc_worst(const smpc_controller *c, const smpc_path *at, const smpc_measur
         for (int i = 0; i < na + nx; i++)
             most = larger(most, (real)fabs(measured->defects[k][i]));
         for (int i = 0; i < nu; i++)
-            most = larger(most, smpc_over(at->u[k][i], c->u_low[i], c->u_high[i]));
+            most = larger(most, beyond(at->u[k][i], c->u_low[i], c->u_high[i]));
         for (int i = 0; i < nx; i++)
-            most = larger(most, smpc_over(at->x[k][i], smpc_x_low[i], smpc_x_high[i]));
+            most = larger(most, beyond(at->x[k][i], smpc_x_low[i], smpc_x_high[i]));
         for (int r = 0; r < SMPC_ROWS; r++)
-            most = larger(most, smpc_over(measured->rows[k][r], c->row_low[r], c->row_high[r]));
+            most = larger(most, beyond(measured->rows[k][r], c->row_low[r], c->row_high[r]));
     }
     return most;
 }

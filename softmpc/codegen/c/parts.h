@@ -20,7 +20,6 @@ void smpc_spread(const smpc_linear *l, const real *dx, smpc_path *step, int unkn
 void smpc_gather(const smpc_linear *l, real nodes[][SMPC_NX], real moves[][SMPC_NU]);
 
 /* terms.c: costs and limits of all intervals */
-void smpc_measure_terms(smpc_measured *found, const smpc_moment *m, const smpc_path *at);
 void smpc_linearise_terms(smpc_linear *l, const smpc_moment *m, const smpc_path *at);
 void smpc_terms_after(const smpc_linear *l, int k, const smpc_path *step, real *terms);
 void smpc_end_after(const smpc_linear *l, const smpc_path *step, real *end);
@@ -45,7 +44,6 @@ void smpc_weigh(smpc_controller *c);
 real smpc_merit(const smpc_controller *c, const smpc_path *at, const smpc_measured *measured);
 real smpc_predicted(const smpc_controller *c, const smpc_path *step);
 real smpc_worst(const smpc_controller *c, const smpc_path *at, const smpc_measured *measured);
-real smpc_over(real value, real low, real high);
 
 /* rollout.c: a trajectory that keeps the equations of motion, from its inputs */
 int smpc_roll(smpc_controller *c, const smpc_moment *m, smpc_path *at);

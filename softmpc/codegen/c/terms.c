@@ -33,7 +33,7 @@ static void take(smpc_measured *found, const smpc_path *at, int k, const real *t
     memcpy(found->rows[k], terms + SMPC_RESIDUALS, sizeof(real) * SMPC_ROWS);
 }
 
-void smpc_measure_terms(smpc_measured *found, const smpc_moment *m, const smpc_path *at)
+static void measure_terms(smpc_measured *found, const smpc_moment *m, const smpc_path *at)
 {
     found->cost = 0;
     for (int k = 0; k < SMPC_N; k++) {
@@ -74,7 +74,7 @@ void smpc_linearise_terms(smpc_linear *l, const smpc_moment *m, const smpc_path 
 void smpc_measure(smpc_measured *found, const smpc_moment *m, const smpc_path *at)
 {
     for (int k = 0; k < SMPC_N; k++) smpc_measure_interval(found, m, at, k);
-    smpc_measure_terms(found, m, at);
+    measure_terms(found, m, at);
 }
 
 int smpc_finite(const smpc_measured *measured)
