@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.errors import BuildError, InputError, SceneError, SoftmpcError, errors_in
+from softmpc.errors import InputError, SceneError, SoftmpcError, errors_in
 from softmpc.interrupts import InterruptLater
 from softmpc.model.model import Model, build
 from softmpc.model.scene import Scene
@@ -19,7 +19,7 @@ from softmpc.simulation.integrator import IntegrationError
 from softmpc.simulation.result import Simulation
 from softmpc.simulation.settings import SimulationSettings, read_settings
 from softmpc.study.changes import Change
-from softmpc.study.measure import TIGHT, Cost, Errors, Runner
+from softmpc.study.measure import TIGHT, Cost, Errors, Runner, reason
 from softmpc.study.variants import additions, variants
 
 __all__ = ["Ablation", "Baseline", "Row", "ablate", "ablate_file", "read_study"]
@@ -101,7 +101,7 @@ class Baseline:
             wall_s, beside_s = self.runner.wall_s(model, self.model)
             return Row(change, "finished", errors, Cost.of(model, wall_s), beside_s)
         except (SoftmpcError, RuntimeError) as error:  # CasADi raises RuntimeError
-            return Row(change, _reason(error))
+            return Row(change, reason(error))
 
     def _check_strains(self, scene: Scene) -> None:
         """Raise `SceneError` where a plane is left that the motion does not stay in."""
@@ -206,14 +206,6 @@ def read_study(
     if duration is not None:
         settings = replace(settings, duration=duration)
     return document.get("title") or path.stem, scene, settings
-
-
-def _reason(error: Exception) -> str:
-    """One line; CasADi ends its long messages with what matters."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    if isinstance(error, InputError | BuildError) or len(lines) < 2:
-        return " ".join(lines) or type(error).__name__
-    return lines[-1]
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:

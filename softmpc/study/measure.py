@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.errors import BuildError, InputError
 from softmpc.model.counting import executed
 from softmpc.model.model import Model
 from softmpc.simulation.compare import compare
@@ -17,7 +18,7 @@ from softmpc.simulation.result import Simulation
 from softmpc.simulation.run import simulate
 from softmpc.simulation.settings import SimulationSettings
 
-__all__ = ["TIGHT", "Cost", "Errors", "Runner", "motion_of"]
+__all__ = ["TIGHT", "Cost", "Errors", "Runner", "motion_of", "reason"]
 
 TIGHT = 1e-8  # m at the tip, a step, in motions that are compared
 PATIENCE = 60.0  # s that one run may take
@@ -118,3 +119,11 @@ def motion_of(model: Model, settings: SimulationSettings, **changes: Any) -> Sim
     if not np.all(np.isfinite(done.tips)):
         raise IntegrationError("the motion has values that are not finite")
     return done
+
+
+def reason(error: Exception) -> str:
+    """Why something could not be run, in one line; CasADi's long messages end with what matters."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if isinstance(error, InputError | BuildError) or len(lines) < 2:
+        return " ".join(lines) or type(error).__name__
+    return lines[-1]

@@ -1,0 +1,61 @@
+"""Times that can be compared: two pieces of work by turns, medians and spreads."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+__all__ = ["by_turns", "memory_mib", "spread"]
+
+Work = Callable[[], Any]
+
+
+def by_turns(one: Work, other: Work, repeats: int, calls: int = 1) -> dict[str, float]:
+    """Times of `one`, and how they compare with those of `other`, run by turns.
+
+    By turns, because a busy machine then slows both. `time_s` and `spread_s` are the median and the
+    distance between quartiles of `repeats` runs, each of `calls` calls, a call; `ratio` is the
+    median of `one` over that of `other`.
+    """
+    one(), other()  # what is made on the first call is no part of it
+    times = np.array([[_seconds(work, calls) for work in (one, other)] for _ in range(repeats)])
+    own, beside = times.T
+    return {
+        "time_s": median(own),
+        "spread_s": spread(own),
+        "beside_s": median(beside),
+        "ratio": median(own) / median(beside),
+    }
+
+
+def spread(times: Any) -> float:
+    """Distance between quartiles."""
+    low, high = np.percentile(times, [25, 75])
+    return float(high - low)
+
+
+def memory_mib() -> float | None:
+    """The most memory this process has had; None where the system does not tell (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(most) / (2**20 if _counts_bytes() else 2**10)
+
+
+def _counts_bytes() -> bool:
+    import sys
+
+    return sys.platform == "darwin"
+
+
+def _seconds(work: Work, calls: int) -> float:
+    began = time.perf_counter()
+    for _ in range(calls):
+        work()
+    return (time.perf_counter() - began) / calls

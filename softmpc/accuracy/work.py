@@ -1,0 +1,74 @@
+"""One measurement of a study, wherever it is done."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.families import FAMILIES
+from softmpc.errors import SoftmpcError, is_interrupt
+from softmpc.study.measure import reason
+
+__all__ = ["MEASURED", "Case", "Measure"]
+
+MEASURED = "measured"
+REFERENCE, ERROR, COST = "reference", "error", "cost"
+AS_GIVEN = Configuration("", "")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A measurement: of a reference by its name, or the error or cost of a configuration."""
+
+    family: str
+    part: str
+    name: str = ""
+    configuration: Configuration = AS_GIVEN
+
+    @property
+    def key(self) -> str:
+        """Under which its result is kept: the same for what gives the same result."""
+        last = self.name if self.part == REFERENCE else self.configuration.identity
+        return f"{self.family} {self.part} {last}"
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The work of a sweep: results are plain data with a `status`, never an exception of ours."""
+
+    task: Task
+    references: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # family -> name
+
+    def __call__(self, case: Case) -> dict[str, Any]:
+        try:
+            with _compiling(case.configuration.compile):
+                return {"status": MEASURED, **self._numbers(case)}
+        except (SoftmpcError, RuntimeError, ArithmeticError, ValueError) as error:
+            if is_interrupt(error):  # CasADi turns Ctrl-C into a RuntimeError
+                raise KeyboardInterrupt from None
+            return {"status": reason(error)}
+
+    def _numbers(self, case: Case) -> dict[str, Any]:
+        family = FAMILIES[case.family]
+        if case.part == REFERENCE:
+            return family.reference(self.task, case.name)
+        if case.part == COST:
+            return family.cost(self.task, case.configuration)
+        return family.error(self.task, case.configuration, self.references[case.family])
+
+
+@contextmanager
+def _compiling(mode: str) -> Iterator[None]:
+    """SOFTMPC_COMPILE as the configuration has it; a study does not depend on the user's."""
+    before = os.environ.get("SOFTMPC_COMPILE")
+    os.environ["SOFTMPC_COMPILE"] = mode
+    try:
+        yield
+    finally:
+        os.environ.pop("SOFTMPC_COMPILE")
+        if before is not None:
+            os.environ["SOFTMPC_COMPILE"] = before
