@@ -26,6 +26,10 @@ class Family(ABC):
     error_label: ClassVar[str]  # of axes, with its unit
     cost_label: ClassVar[str]
 
+    def fitted(self, axis: str) -> tuple[str, ...]:
+        """Keys of `error` that have an order of convergence along the series of an axis."""
+        return ("error_m",)
+
     @abstractmethod
     def missing(self, task: Task) -> str:
         """Why this family cannot be measured with the scene; empty where it can."""
@@ -46,7 +50,13 @@ class Family(ABC):
     def error(
         self, task: Task, configuration: Configuration, references: Mapping[str, Numbers]
     ) -> Numbers:
-        """How far off a configuration is: `error_m` (m, the one in pictures) and others beside."""
+        """How far off a configuration is.
+
+        `error_m` (m) is the one in pictures: everything that differs from the reference, the
+        configuration's own integration included. `doubt_m` is how far the reference itself moves
+        when it is one step coarser. What cannot be called an error, like an effect added, has
+        `change_m` from the scene as given instead. Others may stand beside.
+        """
 
     @abstractmethod
     def cost(self, task: Task, configuration: Configuration) -> Numbers:
