@@ -182,7 +182,7 @@ def test_frequencies_of_a_cantilever() -> None:
 
 
 def test_buoyancy_lightens_the_rod() -> None:
-    """The rod of tests/oracles/rod.py with the reduced weight; second order in the segments."""
+    """The rod of softmpc/accuracy/rod.py with the reduced weight; second order in the segments."""
     section = PRINTED.sections[0]
     volume = 3 * (section.wall_area + section.unit_area) * section.length
     lighter = tuple(replace(s, mass=s.mass - 700 * volume) for s in PRINTED.sections)

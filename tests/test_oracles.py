@@ -20,9 +20,10 @@ from oracles.closed_forms import (
     hanging_chain_frequencies,
     rotation_matrix,
 )
-from oracles.rod import RodError, RodSection, solve_rod
 from scipy.linalg import expm
 from scipy.optimize import minimize
+
+from softmpc.accuracy.rod import RodError, RodSection, solve_rod
 
 MPA = 1e6
 NO_GRAVITY = (0.0, 0.0, 0.0)

@@ -10,8 +10,8 @@ import pytest
 from arms import literal_section
 from oracles.closed_forms import drive_arc
 from oracles.paper_literal import LiteralArm, LiteralHydraulics
-from oracles.rod import RodSection, solve_rod
 
+from softmpc.accuracy.rod import RodSection, solve_rod
 from softmpc.errors import InputError, ParameterError
 from softmpc.model.parameters import Section
 from softmpc.model.presets import DEFAULT_PRESET, preset

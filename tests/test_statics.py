@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from arms import ONE_UNIT, PAPER, SMALL, arm, differences, model_of
 from numpy.testing import assert_allclose
-from oracles.rod import RodError, RodSection, RodSolution, solve_rod
 
+from softmpc.accuracy.rod import RodError, RodSection, RodSolution, solve_rod
 from softmpc.errors import InputError
 from softmpc.model.actuation import PressureDrive, StaticDrive
 from softmpc.model.effects import Gravity, TipLoad
