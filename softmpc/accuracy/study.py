@@ -21,7 +21,7 @@ from softmpc.sweeps import sweep
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-__all__ = ["read_task", "run_study"]
+__all__ = ["Progress", "Run", "Stage", "read_task", "run_study"]
 
 Progress = Callable[[float, float], None]
 Stage = Callable[[str], Progress]
@@ -55,7 +55,7 @@ def run_study(
     Ctrl-C ends it with the status "interrupted" and what was measured until then. Raises
     `InputError` for unknown names, and for a `keep` file of another study.
     """
-    work = _Run(task, Store(keep, task), executor, stage or _nobody)
+    work = Run(task, Store(keep, task), executor, stage or _nobody)
     chosen = _chosen("family", families, FAMILIES)
     plans = _plans(task, chosen, axes)
     status = "finished"
@@ -94,8 +94,8 @@ def _plans(
     }
 
 
-class _Run:
-    """The measurements of one study, as far as they are there."""
+class Run:
+    """The measurements of one study or choice, as far as they are there."""
 
     def __init__(
         self, task: Task, store: Store, executor: Executor | int | None, stage: Stage
@@ -110,11 +110,11 @@ class _Run:
             for name, plan in plans.items()
             for one in (FAMILIES[name].references(self.task) if plan else ())
         ]
-        self._sweep("references", references, Measure(self.task))
+        self.sweep_cases("references", references, Measure(self.task))
         known = {name: self.known(name) for name, plan in plans.items() if plan}
         work = Measure(self.task, known)
-        self._sweep("errors", self._cases(plans, ERROR), work)
-        self._time(self._cases(plans, COST), Measure(self.task))
+        self.sweep_cases("errors", self._cases(plans, ERROR), work)
+        self.time_cases(self._cases(plans, COST), Measure(self.task))
 
     def _cases(self, plans: dict[str, list[Configuration]], part: str) -> list[Case]:
         cases = [
@@ -131,7 +131,8 @@ class _Run:
                 raise InputError(f"reference {name!r} of {family!r}: {found[name]['status']}")
         return found
 
-    def _sweep(self, what: str, cases: Sequence[Case], work: Measure) -> None:
+    def sweep_cases(self, what: str, cases: Sequence[Case], work: Measure) -> None:
+        """Measure those cases that are not there yet, on the executor."""
         left = [case for case in cases if case.key not in self.store]
         report, before = self.stage(what), len(cases) - len(left)
 
@@ -143,17 +144,18 @@ class _Run:
 
         sweep(work, left, executor=self.executor, chunk=1, progress=progress, arrived=arrived)
 
-    def _time(self, cases: Sequence[Case], work: Measure) -> None:
-        """Costs, which are those of this machine."""
+    def time_cases(self, cases: Sequence[Case], work: Measure) -> None:
+        """Measure costs, one after the other and alone."""
         report = self.stage("times")
         for done, case in enumerate(cases):
             report(done, len(cases))
-            key = self._cost_key(case)
+            key = self.cost_key(case)
             if key not in self.store:
                 self.store.add(key, measured_alone(work, case))
         report(len(cases), len(cases))
 
-    def _cost_key(self, case: Case) -> str:
+    def cost_key(self, case: Case) -> str:
+        """Under which a cost is kept: times are those of this machine."""
         return f"{case.key} on {self.here}"
 
     def result(self, name: str, plan: list[Configuration]) -> FamilyResult:
@@ -162,15 +164,16 @@ class _Run:
         points = []
         for one in plan:
             error = Case(name, ERROR, configuration=one).key
-            cost = self._cost_key(Case(name, COST, configuration=one))
-            points.append(Point(one, self._found(error), self._found(cost)))
+            cost = self.cost_key(Case(name, COST, configuration=one))
+            points.append(Point(one, self.found(error), self.found(cost)))
         about = {
-            one: str(self._found(Case(name, REFERENCE, one).key).get("about", ""))
+            one: str(self.found(Case(name, REFERENCE, one).key).get("about", ""))
             for one in (family.references(self.task) if plan else ())
         }
         return FamilyResult(name, about, tuple(points), family.missing(self.task))
 
-    def _found(self, key: str) -> dict[str, Any]:
+    def found(self, key: str) -> dict[str, Any]:
+        """A result by its key, empty where it is not there."""
         return dict(self.store[key]) if key in self.store else {}
 
 
