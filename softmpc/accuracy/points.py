@@ -36,6 +36,21 @@ class Point:
         return self.error.get("error_m")
 
     @property
+    def doubt_m(self) -> float | None:
+        """How far the reference itself may be off (m)."""
+        return self.error.get("doubt_m")
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the error is below the doubt of its reference: it is that small, or smaller."""
+        return self.error_m is not None and self.error_m < (self.doubt_m or 0.0)
+
+    @property
+    def proved_m(self) -> float | None:
+        """The error that is sure (m): of a point at the floor it is the doubt."""
+        return self.doubt_m if self.at_floor else self.error_m
+
+    @property
     def time_s(self) -> float | None:
         """The cost in pictures (s)."""
         return self.cost.get("time_s")
