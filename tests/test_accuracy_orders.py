@@ -158,7 +158,7 @@ def test_verdicts_beside_theory() -> None:
 
 def test_errors_at_the_floor_are_not_fitted() -> None:
     """Second order down to a reference that is off by 1e-5 m."""
-    errors = [0.1 * 0.25**i + 1e-5 for i in range(9)]
+    errors = [0.1 * 0.25**i + 1e-5 for i in range(12)]
     fit = fitted(errors, 2.0, doubt_m=1e-5)
     assert fit.verdict == AS_THEORY
     assert fit.sizes == (1 / 8, 1 / 16, 1 / 32)  # 1.1e-4 at the last; the next is 3.4e-5
