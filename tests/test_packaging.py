@@ -1,0 +1,135 @@
+"""Packaging: notices of others' licences, the workflow of CI, what goes into wheel and sdist."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+import tomllib
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import yaml
+from pages import ROOT, blocks
+
+from softmpc.codegen.targets import TARGETS
+
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = PYPROJECT["project"]
+NOTICES = ROOT / "THIRD_PARTY_NOTICES.md"
+WORKFLOW = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8"))
+JOBS = WORKFLOW["jobs"]
+RUN = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+PARTS = re.search(r"^parts=\((.+)\)$", RUN, re.MULTILINE)[1].split()  # type: ignore[index]
+
+
+@cache
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / ".ci" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+# ---------------------------------------------------------------- notices
+
+
+def test_notices_name_all() -> None:
+    command = [sys.executable, str(ROOT / ".ci" / "notices.py")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("there", "instead", "said"),
+    [
+        ("| scipy | >=1.11 |", "| skipy | >=1.11 |", "scipy: a dependency without an entry"),
+        ("| numpy | >=1.26 |", "| numpy | >=1.20 |", "numpy: the page has >=1.20"),
+        ("| tqdm | >=4.66 | MPL-2.0", "| tqdm | >=4.66 | EPL-2.0", "tqdm: its metadata say"),
+        ("| pyparsing | MIT |", "| parsing | MIT |", "pyparsing: installed with softmpc"),
+        ("| DAQP | 0.11.0 |", "| DAQP | 0.10.0 |", "VERSION is not 0.10.0"),
+        ("`softmpc/codegen/c/daqp` |", "`softmpc/daqp` |", "softmpc/codegen/c/daqp: carried"),
+        ("| PIQP |", "| QP |", "piqp: a plug-in of CasADi that softmpc runs"),
+        ("| SUNDIALS", "| SUN", "idas: a plug-in of CasADi that softmpc runs"),
+    ],
+)
+def test_notices_find_what_is_missing(
+    there: str, instead: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    notices = script("notices")
+    text = NOTICES.read_text(encoding="utf-8")
+    assert there in text
+    other = tmp_path / "notices.md"
+    other.write_text(text.replace(there, instead), encoding="utf-8")
+    monkeypatch.setattr(notices, "PAGE", other)
+    with pytest.raises(SystemExit, match=re.escape(said)):
+        notices.main()
+
+
+# ---------------------------------------------------------------- the workflow
+
+
+def lines_of(job: str) -> list[str]:
+    return [step["run"].strip() for step in JOBS[job]["steps"] if "run" in step]
+
+
+def test_workflow_has_all_systems_and_versions() -> None:
+    versions = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if ":: 3." in c]
+    systems = ["ubuntu-latest", "macos-latest", "windows-latest"]
+    assert JOBS["tests"]["strategy"]["matrix"] == {"os": systems, "python": versions}
+    assert JOBS["installed"]["strategy"]["matrix"] == {"os": systems}
+    assert PROJECT["requires-python"] == f">={versions[0]}"
+    for job in JOBS.values():
+        assert job["runs-on"] in ("ubuntu-latest", "${{ matrix.os }}")
+        assert [step["uses"].partition("@")[0] for step in job["steps"] if "uses" in step] == [
+            "actions/checkout", "actions/setup-python",
+        ]  # fmt: skip
+        assert job["timeout-minutes"] > 0
+
+
+def test_workflow_runs_commands_of_the_project() -> None:
+    """What it installs and runs is what README and .ci have."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    tests = [block.body for block in blocks(readme) if block.kind == "bash"][1].strip()
+    environment, test = tests.rsplit(" && ", 1)
+    for job in ("tests", "oldest"):
+        install, run = lines_of(job)
+        assert run == test.replace(".venv/bin/", "")
+        assert install.startswith('python -m pip install --quiet -e ".[test]"')
+    oldest = next(one for one in PROJECT["dependencies"] if one.startswith("casadi"))
+    assert lines_of("oldest")[0].endswith(f'"{oldest.replace(">=", "==")}"')
+    for job in ("checks", "slow"):
+        first, *_, last = lines_of(job)
+        assert first == environment
+        assert last.startswith(".ci/run ")
+    assert lines_of("installed")[1] == "python .ci/installed.py"
+
+
+def test_workflow_runs_all_parts() -> None:
+    called = [word for job in ("checks", "slow") for word in lines_of(job)[-1].split()[1:]]
+    assert sorted([*called, "tests", "installed"]) == sorted(PARTS)
+    cases = re.findall(r"^        ([a-z]+)\) ", RUN.replace(")\n", ") \n"), re.MULTILINE)
+    assert cases == PARTS
+    packages = {
+        name for target in TARGETS.values() if target.name != "host" for name in target.packages
+    }
+    assert packages <= set(lines_of("slow")[1].split())
+
+
+# ---------------------------------------------------------------- wheel and sdist
+
+
+def test_named_files_exist() -> None:
+    """`.ci/installed.py` builds and installs; here, that nothing named has moved."""
+    installed = script("installed")
+    assert PROJECT["license-files"] == list(installed.LICENCES)
+    sdist = PYPROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
+    names = [*PROJECT["license-files"], *installed.IN_SDIST, *(name.strip("/") for name in sdist)]
+    assert [name for name in names if not (ROOT / name).exists()] == []
+    parts = {Path(name).parts[0] for name in installed.IN_SDIST}
+    assert parts <= {name.strip("/") for name in sdist}
