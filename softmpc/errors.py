@@ -14,6 +14,7 @@ __all__ = [
     "SceneError",
     "SoftmpcError",
     "SweepError",
+    "WorkerKilledError",
     "errors_in",
     "is_interrupt",
     "nearest",
@@ -43,6 +44,14 @@ class BuildError(SoftmpcError):
 
 class SweepError(SoftmpcError):
     """A case of a sweep that failed, or workers that do not live."""
+
+
+class WorkerKilledError(SweepError):
+    """A case of a sweep, by its number, whose worker was killed every time."""
+
+    def __init__(self, message: str, case: int) -> None:
+        super().__init__(message)
+        self.case = case
 
 
 def is_interrupt(error: BaseException) -> bool:

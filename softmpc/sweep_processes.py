@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from softmpc.errors import SweepError
+from softmpc.errors import SweepError, WorkerKilledError
 from softmpc.sweep_chunks import Chunk, Outcome, packed, run_packed
 
 __all__ = ["ATTEMPTS", "Processes", "Rest", "finished_in", "finished_in_processes", "in_worker"]
@@ -206,7 +206,8 @@ def _check_death(pool: Processes, suspect: Chunk | None) -> None:
     if pool.begun.value == NOBODY:
         raise SweepError(f"the worker processes end before they begin: {NO_GUARD}")
     if suspect:
-        raise SweepError(
+        raise WorkerKilledError(
             f"{suspect.case(pool.begun.value)}: its worker was killed {ATTEMPTS} times, the last "
-            "time with nothing else running; is there too little memory, or does a library crash?"
+            "time with nothing else running; is there too little memory, or does a library crash?",
+            suspect.first + pool.begun.value,
         )

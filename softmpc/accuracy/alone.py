@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from softmpc.accuracy.work import Case, Measure
-from softmpc.errors import SweepError
-from softmpc.sweep_processes import Processes
+from softmpc.errors import WorkerKilledError
 from softmpc.sweeps import sweep
 
-__all__ = ["measured_alone"]
+__all__ = ["KILLED", "measured_alone"]
+
+KILLED = "its process was killed each time: is there too little memory, or does a library crash?"
+FRESH = 2  # processes a sweep may start: of a single case it starts one, and 1 would be this one
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,10 @@ class _Staying:
 def measured_alone(work: Measure, case: Case) -> dict[str, Any]:
     """The result of one case; nothing else of this study may run meanwhile.
 
-    A fresh process, so that what it builds is built cold and its memory is its own.
+    A fresh process, so that what it builds is built cold and its memory is its own. Where that is
+    killed every time, the status says so. Raises `SweepError` where no process can be started.
     """
-    pool = Processes(1)
     try:
-        return dict(sweep(_Staying(work), [case], executor=pool)[0])
-    except SweepError as error:
-        return {"status": f"its process ended: {error}"}
-    finally:
-        pool.kill()
+        return dict(sweep(_Staying(work), [case], executor=FRESH)[0])
+    except WorkerKilledError:
+        return {"status": KILLED}

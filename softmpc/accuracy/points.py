@@ -81,6 +81,11 @@ class FamilyResult:
     points: tuple[Point, ...]
     missing: str = ""  # why there is none
 
+    @property
+    def lost(self) -> bool:
+        """Whether there was something to measure, but no reference to be had."""
+        return bool(self.missing and self.references)
+
     def axis(self, name: str) -> list[Point]:
         """The points of one axis, in its order."""
         return [point for point in self.points if point.axis == name]

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,13 @@ FORMAT = 1
 class Store:
     """Results by key; they outlive the process where there is a path.
 
-    Raises `InputError` for a file of another study, or of something else.
+    `fresh` starts anew, in place of what an earlier study left there. Raises `InputError` for a
+    file of another study, unless it is fresh, and of something else.
     """
 
-    def __init__(self, path: str | os.PathLike[str] | None, task: Task) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str] | None, task: Task, fresh: bool = False
+    ) -> None:
         self.path = None if path is None else Path(path)
         self.results: dict[str, Any] = {}
         asked = _asked(task)
@@ -32,12 +36,13 @@ class Store:
             return
         if self.path.is_dir():
             raise InputError(f"{self.path}: is a folder; name a file in it")
-        if not self.path.exists() or self.path.stat().st_size == 0:
+        there = self.path.exists() and self.path.stat().st_size > 0
+        if there:
+            with errors_in(self.path):
+                self._read(asked, fresh)
+        if fresh or not there:
             with replacing(self.path) as beside:
                 beside.write_text(json.dumps(asked) + "\n", encoding="utf-8")
-        else:
-            with errors_in(self.path):
-                self._read(asked)
 
     def __contains__(self, key: str) -> bool:
         return key in self.results
@@ -58,7 +63,7 @@ class Store:
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written: {error.strerror or error}") from None
 
-    def _read(self, asked: dict[str, Any]) -> None:
+    def _read(self, asked: dict[str, Any], fresh: bool) -> None:
         assert self.path is not None
         try:
             data = self.path.read_bytes()
@@ -66,7 +71,9 @@ class Store:
             raise InputError(f"cannot be read: {error.strerror or error}") from None
         whole = data.rpartition(b"\n")[0]  # a crash leaves half a line
         head, *lines = whole.splitlines() or [b""]
-        _check_head(head, asked)
+        _check_head(head, asked, fresh)
+        if fresh:
+            return
         for number, line in enumerate(lines, 2):
             try:
                 one = json.loads(line)
@@ -81,16 +88,37 @@ class Store:
 
 def _asked(task: Task) -> dict[str, Any]:
     """What must be the same for results to be the same."""
-    told = json.dumps(task.document, sort_keys=True, default=str)
+    told = json.dumps(dict(task.document), sort_keys=True, default=str)
     return {
         "softmpc_study": FORMAT,
         "softmpc": sys.modules["softmpc"].__version__,
-        "scene": hashlib.sha256(told.encode()).hexdigest()[:32],
+        "scene": _hash(told.encode()),
+        "files": {name: _hash(path.read_bytes()) for name, path in _files(task).items()},
         "quick": task.quick,
     }
 
 
-def _check_head(line: bytes, asked: dict[str, Any]) -> None:
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:32]
+
+
+def _files(task: Task) -> dict[str, Path]:
+    """The files that the scene names, like its table of inputs."""
+    texts = [text for text in _texts(dict(task.document)) if Path(text).suffix]
+    paths = {text: Path(task.folder) / text for text in sorted(set(texts))}
+    return {name: path for name, path in paths.items() if path.is_file()}
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All values that are text, in tables and lists too."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list):
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(item)
+
+
+def _check_head(line: bytes, asked: dict[str, Any], fresh: bool) -> None:
     try:
         found = dict(json.loads(line))
     except (ValueError, TypeError):
@@ -98,8 +126,8 @@ def _check_head(line: bytes, asked: dict[str, Any]) -> None:
     if "softmpc_study" not in found:
         raise InputError("is not the file of a study; name another one")
     other = [name for name, value in asked.items() if found.get(name) != value]
-    if other:
+    if other and not fresh:
         raise InputError(
             f"holds another study, which differs in: {', '.join(other)}; name another folder, or "
-            "remove this file to start anew"
+            "start anew in this one (fresh, --fresh)"
         )

@@ -17,6 +17,7 @@ __all__ = ["MEASURED", "Case", "Measure"]
 
 MEASURED = "measured"
 REFERENCE, ERROR, COST = "reference", "error", "cost"
+EXPECTED = SoftmpcError, RuntimeError, ArithmeticError, ValueError
 AS_GIVEN = Configuration("", "")
 
 
@@ -38,7 +39,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Measure:
-    """The work of a sweep: results are plain data with a `status`, never an exception of ours."""
+    """The work of a sweep: results are plain data with a `status`, never an exception."""
 
     task: Task
     references: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # family -> name
@@ -47,10 +48,11 @@ class Measure:
         try:
             with _compiling(case.configuration.compile):
                 return {"status": MEASURED, **self._numbers(case)}
-        except (SoftmpcError, RuntimeError, ArithmeticError, ValueError) as error:
+        except Exception as error:  # one that cannot be measured leaves the others alone
             if is_interrupt(error):  # CasADi turns Ctrl-C into a RuntimeError
                 raise KeyboardInterrupt from None
-            return {"status": reason(error)}
+            known = isinstance(error, EXPECTED)
+            return {"status": f"{'' if known else f'{type(error).__name__}: '}{reason(error)}"}
 
     def _numbers(self, case: Case) -> dict[str, Any]:
         family = FAMILIES[case.family]
