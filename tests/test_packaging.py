@@ -15,7 +15,16 @@ import pytest
 import yaml
 from pages import ROOT, blocks
 
+from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, OK, WRONG_INPUT
+from softmpc.cli.main import UNEXPECTED
+from softmpc.codegen import flight_format
 from softmpc.codegen.targets import TARGETS
+from softmpc.control import planned, track_result
+from softmpc.model import scene
+from softmpc.planning import plan_files
+from softmpc.rig import result as rig_result
+from softmpc.simulation import result_files
+from softmpc.statics import workspace_files
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
@@ -133,3 +142,37 @@ def test_named_files_exist() -> None:
     assert [name for name in names if not (ROOT / name).exists()] == []
     parts = {Path(name).parts[0] for name in installed.IN_SDIST}
     assert parts <= {name.strip("/") for name in sdist}
+
+
+# ---------------------------------------------------------------- versions
+
+
+def test_schemas_are_those_of_the_page() -> None:
+    page = (ROOT / "docs" / "versioning.md").read_text(encoding="utf-8")
+    table = re.findall(r"^\| ([\w -]+) \| (\d) \| ([\d, ]+) \|$", page, re.MULTILINE)
+    found = {name: (int(w), tuple(map(int, r.split(",")))) for name, w, r in table}
+    assert found == {
+        "scene file": (scene.SCHEMA_VERSION, (scene.SCHEMA_VERSION,)),
+        "simulation": (result_files.SCHEMA_VERSION, (1, result_files.SCHEMA_VERSION)),
+        "closed-loop run": (track_result.RESULT_SCHEMA, track_result.READS),
+        "run of a rig": (rig_result.SCHEMA, (rig_result.SCHEMA,)),
+        "plan": (plan_files.SCHEMA, planned.PLAN_SCHEMAS),
+        "workspace": (workspace_files.SCHEMA, (workspace_files.SCHEMA,)),
+        "flight log": (flight_format.FORMAT, (flight_format.FORMAT,)),
+    }
+
+
+def test_exit_statuses_are_those_of_the_page() -> None:
+    page = (ROOT / "docs" / "versioning.md").read_text(encoding="utf-8")
+    said = [f"{UNEXPECTED} an unexpected", f"{OK} well", f"{WRONG_INPUT} wrong input"]
+    said += [f"{NOT_CONVERGED} no convergence", f"{INTERRUPTED} interrupted"]
+    assert [words for words in said if words not in page] == []
+
+
+def test_supported_versions_are_those_of_the_page() -> None:
+    page = (ROOT / "docs" / "versioning.md").read_text(encoding="utf-8")
+    versions = [c.rpartition(" ")[2] for c in PROJECT["classifiers"] if ":: 3." in c]
+    oldest = next(one for one in PROJECT["dependencies"] if one.startswith("casadi"))
+    assert (
+        f"Python {versions[0]} to {versions[-1]}; CasADi from {oldest.partition('>=')[2]}" in page
+    )
