@@ -1,0 +1,216 @@
+"""Errors and times over one number, or over names: controllers, compilation, derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.accuracy.configuration import changed
+from softmpc.accuracy.families import FAMILIES
+from softmpc.accuracy.model_axes import AS_GIVEN
+from softmpc.view.accuracy_style import (
+    GIVEN,
+    MARKERS,
+    Unit,
+    error_unit,
+    log_scale,
+    marks,
+    outside,
+    positive,
+    read_key,
+    time_unit,
+    varied_keys,
+)
+from softmpc.view.style import COLOURS, LIMIT, dash, figure, label, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from softmpc.accuracy.points import FamilyResult, Point, Study
+
+__all__ = ["controller_axes", "controllers_figure", "times_axes", "times_figure"]
+
+STEP = "track.controller.step"
+TIMED = ("compilation", "derivatives")
+ACROSS = 4  # panels side by side
+NUMBERS = {  # what numbers of scene files are called, with units
+    "horizon": "horizon (steps)",
+    "step": "step of the controller (s)",
+    "segments": "segments of the controller a section (number)",
+    "iterations": "iterations a step (number)",
+}
+
+
+@dataclass
+class Over:
+    """The points of an axis over places: numbers, or names one after the other."""
+
+    points: list[Point]
+    places: np.ndarray
+    label: str
+    names: list[str] = field(default_factory=list)  # empty where places are numbers
+
+
+def controller_axes(family: FamilyResult) -> list[str]:
+    """Axes of the arm under control with something to show."""
+    if family.name != "loop":
+        return []
+    return [axis for axis in family.axes if axis != AS_GIVEN and _shown(family.axis(axis))]
+
+
+@styled
+def controllers_figure(study: Study, family: FamilyResult) -> Figure:
+    """Error and step time over what each axis varies, with the time a step may take."""
+    axes_names = controller_axes(family)
+    rows = -(-len(axes_names) // ACROSS)
+    made = figure(3.2 * min(ACROSS, len(axes_names)) + 0.4, 0.9 + 5.0 * rows,
+                  "Controllers: error in closed loop, and time of a step")  # fmt: skip
+    grid = made.subplots(2 * rows, min(ACROSS, len(axes_names)), squeeze=False)
+    unit = time_unit(p.time_s for p in family.points if positive(p.time_s) and p.time_s)
+    for axes in grid.flat:
+        axes.set_visible(False)
+    for i, name in enumerate(axes_names):
+        row, column = 2 * (i // ACROSS), i % ACROSS
+        pair = grid[row, column], grid[row + 1, column]
+        _draw_pair(pair, study, family, name, unit)
+    _legend_of(made, grid)
+    return made
+
+
+def _draw_pair(
+    pair: tuple[Axes, Axes], study: Study, family: FamilyResult, axis: str, unit: Unit
+) -> None:
+    """Errors above, times below, over the same places."""
+    over = _over(study, family, axis)
+    mark = marks(study)[axis]
+    known = FAMILIES[family.name]
+    parts = (
+        (pair[0], error_unit(), [p.proved_m for p in over.points], known.error_label),
+        (pair[1], unit, [p.time_s for p in over.points], known.cost_label),
+    )
+    for axes, scale, values, text in parts:
+        axes.set_visible(True)
+        ok = [i for i, value in enumerate(values) if positive(value)]
+        y = np.array([values[i] for i in ok], float) * scale.factor
+        line = "none" if over.names else "-"
+        axes.plot(over.places[ok], y, color=mark.colour, marker=mark.marker, linestyle=line)
+        given = [k for k, i in enumerate(ok) if over.points[i].axis == AS_GIVEN]
+        axes.plot(over.places[ok][given], y[given], **GIVEN, label="the scene as given")
+        label(axes, over.label, _broken(scale.label(text)))
+    pair[0].set_title(axis, loc="left")
+    _draw_budget(pair[1], study, over, unit)
+    for axes in pair:
+        _set_scales(axes, over)
+
+
+def _draw_budget(axes: Axes, study: Study, over: Over, unit: Unit) -> None:
+    """What a step may take: the step itself, which the points of some axes change."""
+    steps = [read_key(changed(study.document, p.configuration.changes), STEP) for p in over.points]
+    ok = [i for i, step in enumerate(steps) if positive(step)]
+    if not ok:
+        return
+    x, y = over.places[ok], np.array([steps[i] for i in ok], float) * unit.factor
+    if np.ptp(y) == 0:
+        axes.axhline(y[0], label="budget: the step", **LIMIT)
+    else:
+        axes.plot(x, y, label="budget: the step", **LIMIT)
+
+
+def _over(study: Study, family: FamilyResult, axis: str) -> Over:
+    """Where the points of an axis are drawn, the scene as given among them."""
+    own = _shown(family.axis(axis))
+    given = family.as_given
+    points = [given, *own] if given and _shown([given]) else own
+    for key in varied_keys(points):
+        values = [p.configuration.changes.get(key, read_key(study.document, key)) for p in points]
+        numbers = [value for value in values if positive(value) and not isinstance(value, bool)]
+        if len(set(numbers)) > 1 and len(numbers) >= len(own):
+            kept = [(v, p) for v, p in zip(values, points, strict=True) if positive(v)]
+            kept.sort(key=lambda pair: pair[0])
+            last = key.rpartition(".")[2]
+            text = NUMBERS.get(last, f"{last.replace('_', ' ')} (as in the scene file)")
+            return Over([p for _, p in kept], np.array([v for v, _ in kept], float), text)
+    names = [p.name.replace("$", r"\$") for p in points]
+    return Over(points, np.arange(len(points), dtype=float), f"{axis} (by name)", names)
+
+
+def _set_scales(axes: Axes, over: Over) -> None:
+    axes.margins(0.12, 0.15)
+    axes.autoscale_view()
+    if over.names:
+        axes.set_xlim(-0.6, len(over.names) - 0.4)
+        axes.set_xticks(over.places, over.names, rotation=30, ha="right", fontsize=7)
+    else:
+        _at_numbers(axes, over.places)
+    log_scale(axes, "y", 1.0)
+
+
+def _at_numbers(axes: Axes, numbers: Sequence[float] | np.ndarray) -> None:
+    """A logarithmic x axis whose ticks are the numbers themselves."""
+    log_scale(axes, "x", 0.3)
+    shown = sorted(set(numbers))
+    axes.set_xticks(shown, [f"{number:g}" for number in shown])
+    axes.minorticks_off()
+
+
+def _legend_of(made: Figure, grid: np.ndarray) -> None:
+    """One legend below for all panels."""
+    found: dict[str, Any] = {}
+    for axes in grid.flat:
+        for handle, text in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(text, handle)
+    made.legend(list(found.values()), list(found), loc="outside lower center", ncols=3)
+
+
+def times_axes(family: FamilyResult) -> list[str]:
+    """Axes of how a scene is run, not of what it is, with times."""
+    return [axis for axis in TIMED if any(positive(p.time_s) for p in family.axis(axis))]
+
+
+@styled
+def times_figure(study: Study, family: FamilyResult) -> Figure:
+    """Time over segments, a line for each variant of compilation or derivatives."""
+    shown = times_axes(family)
+    made = figure(9.0, 0.6 + 3.2 * len(shown), "What compilation and derivatives cost")
+    unit = time_unit(
+        p.time_s for a in shown for p in family.axis(a) if positive(p.time_s) and p.time_s
+    )
+    for axes, axis in zip(made.subplots(len(shown), 1, squeeze=False)[:, 0], shown, strict=True):
+        points = [p for p in family.axis(axis) if positive(p.time_s)]
+        for i, name in enumerate(dict.fromkeys(_variant(p) for p in points)):
+            own = sorted((_segments(study, p), p.time_s) for p in points if _variant(p) == name)
+            x, y = np.array(own, float).T
+            axes.plot(x, y * unit.factor, color=COLOURS[i % len(COLOURS)], linestyle=dash(i),
+                      marker=MARKERS[i % len(MARKERS)], label=name)  # fmt: skip
+        axes.margins(0.08, 0.12)
+        axes.autoscale_view()
+        _at_numbers(axes, [_segments(study, point) for point in points])
+        log_scale(axes, "y", 1.0)
+        label(axes, "segments a section (number)",
+              unit.label(FAMILIES[family.name].cost_label), axis)  # fmt: skip
+        outside(axes)
+    return made
+
+
+def _variant(point: Point) -> str:
+    own = point.configuration
+    return own.series or own.variant or f"compile: {own.compile}"
+
+
+def _segments(study: Study, point: Point) -> float:
+    value = read_key(changed(study.document, point.configuration.changes), "model.segments")
+    return float(value) if positive(value) else 1.0
+
+
+def _shown(points: Sequence[Point]) -> list[Point]:
+    return [point for point in points if positive(point.proved_m) or positive(point.time_s)]
+
+
+def _broken(text: str) -> str:
+    """A long label on two lines, the unit on the second."""
+    head, bracket, tail = text.rpartition(" (")
+    return f"{head}\n({tail}" if bracket and len(text) > 30 else text

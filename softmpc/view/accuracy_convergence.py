@@ -1,0 +1,159 @@
+"""Convergence along one axis of a study: errors over sizes, with fitted orders beside theory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softmpc.accuracy.families import FAMILIES
+from softmpc.accuracy.orders import AS_THEORY, AT_FLOOR, DIVERGES, TOO_FEW, Fit, fits
+from softmpc.view.accuracy_style import (
+    DOUBT,
+    MARKERS,
+    Unit,
+    error_unit,
+    log_scale,
+    outside,
+    positive,
+    varied_keys,
+)
+from softmpc.view.style import ALARM, COLOURS, figure, label, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from softmpc.accuracy.points import FamilyResult, Point
+
+__all__ = ["convergence_axes", "convergence_figure", "key_label", "order_text"]
+
+# What goes to zero, by the last part of the key of scene files that is varied.
+SIZES = {
+    "segments": "length of a segment (lengths of a section)",
+    "step": "step (s)",
+    "sample_time": "step (s)",
+    "tolerance": "tolerance (of scaled states)",
+}
+KEYS = {
+    "frequency_error": "error of frequencies (relative)",
+    "integration_m": "error of the integration alone (m)",
+}
+PANEL = 3.3  # inches
+
+
+def convergence_axes(family: FamilyResult) -> list[str]:
+    """The axes with a series of which two errors or more can be shown."""
+    return [axis for axis in family.axes if any(_panels(family, axis).values())]
+
+
+@styled
+def convergence_figure(family: FamilyResult, axis: str) -> Figure:
+    """A panel for each error that has an order along the axis; legends have orders and theory."""
+    panels = {key: own for key, own in _panels(family, axis).items() if own}
+    title = f"Convergence along “{axis}”: {_kind(family)}"
+    made = figure(10.0, 0.6 + PANEL * len(panels), title)
+    drawn = made.subplots(len(panels), 1, squeeze=False)[:, 0]
+    for axes, (key, own) in zip(drawn, panels.items(), strict=True):
+        _draw_panel(axes, family, key, own)
+    return made
+
+
+def order_text(fit: Fit) -> str:
+    """An order beside theory, or why there is none."""
+    theory = "no theory" if fit.theory is None else f"theory {fit.theory:g}"
+    if fit.verdict in (AT_FLOOR, TOO_FEW) or fit.order is None:
+        return f"no order, {fit.verdict} ({theory})"
+    if fit.verdict == DIVERGES:
+        return f"does not converge, order {_signed(fit.order)} ({theory})"
+    return f"order {_signed(fit.order)} ({theory})"
+
+
+def _signed(order: float) -> str:
+    return f"{order:.2f}".replace("-", "−")
+
+
+def key_label(family: str, key: str) -> str:
+    """What an error is called, with its SI unit."""
+    if key == "error_m":
+        return FAMILIES[family].error_label
+    return KEYS.get(key, f"{key.removesuffix('_m').replace('_', ' ')} ({_si(key)})")
+
+
+def _si(key: str) -> str:
+    return "m" if key.endswith("_m") else "relative"
+
+
+def _kind(family: FamilyResult) -> str:
+    return {"rest": "the arm at rest", "motion": "the arm in motion"}.get(family.name, family.name)
+
+
+def _panels(family: FamilyResult, axis: str) -> dict[str, list[tuple[Fit, list[Point]]]]:
+    """For each error the fits of series, with the points that can be shown."""
+    panels: dict[str, list[tuple[Fit, list[Point]]]] = {}
+    for fit in fits(family):
+        if fit.axis != axis:
+            continue
+        own = [p for p in family.axis(axis) if p.configuration.series == fit.series]
+        shown = [p for p in own if positive(p.configuration.size) and _error(p, fit.key)]
+        shown.sort(key=lambda p: p.configuration.size or 0.0)
+        if len(shown) > 1:
+            panels.setdefault(fit.key, []).append((fit, shown))
+    return panels
+
+
+def _draw_panel(
+    axes: Axes, family: FamilyResult, key: str, series: Sequence[tuple[Fit, list[Point]]]
+) -> None:
+    unit = error_unit() if key.endswith("_m") else Unit("relative", 1.0)
+    for i, (fit, points) in enumerate(series):
+        sizes = np.array([point.configuration.size for point in points], float)
+        errors = unit.factor * np.array([_error(point, key) for point in points])
+        style = _style(fit, i)
+        axes.plot(sizes, errors, **style, label=f"{fit.series}:\n{order_text(fit)}")
+        if fit.order is not None and fit.scale is not None and fit.verdict != DIVERGES:
+            ends = np.array([sizes[0] / 1.15, min(sizes[-1], max(fit.sizes) * 1.6)])
+            axes.plot(ends, unit.factor * fit.scale * ends**fit.order, color=style["color"],
+                      linewidth=1.0, linestyle="-" if fit.verdict == AS_THEORY else (0, (4, 2)),
+                      label="_fit")  # fmt: skip
+    _draw_floor(axes, key, [point for _, points in series for point in points], unit)
+    log_scale(axes, "x")
+    log_scale(axes, "y")
+    every = [point for _, points in series for point in points]
+    label(axes, _size_label(every), unit.label(key_label(family.name, key)))
+    outside(axes, labelspacing=0.9)
+
+
+def _style(fit: Fit, index: int) -> dict[str, Any]:
+    """Marks without line, whose fit is the line; what does not converge is joined, in red."""
+    style: dict[str, Any] = {
+        "color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)],
+        "linestyle": "none", "markersize": 6,
+    }  # fmt: skip
+    if fit.verdict == DIVERGES:
+        style |= {"color": ALARM, "marker": "X", "linestyle": (0, (1.5, 1.5)), "linewidth": 1.8}
+    return style
+
+
+def _draw_floor(axes: Axes, key: str, points: Sequence[Point], unit: Unit) -> None:
+    """The doubt of the reference, where errors come near it."""
+    if "error" not in key:
+        return
+    doubts = [
+        value for p in points if positive(value := p.error.get(key.replace("error", "doubt")))
+    ]
+    least = min(_error(point, key) for point in points)
+    if doubts and max(doubts) * 20 > least:
+        axes.axhline(unit.factor * max(doubts), label="doubt of the reference", **DOUBT)
+
+
+def _size_label(points: Sequence[Point]) -> str:
+    last = [key.rpartition(".")[2] for key in varied_keys(points)]
+    return next((SIZES[name] for name in last if name in SIZES), "size (relative)")
+
+
+def _error(point: Point, key: str) -> float:
+    """Its size; 0 where there is none that can be shown."""
+    value = point.error.get(key)
+    return abs(value) if value is not None and positive(abs(value)) else 0.0
