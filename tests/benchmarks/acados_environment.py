@@ -13,13 +13,11 @@ from typing import Any
 import casadi as ca
 
 from softmpc import library_cache
+from tests.benchmarks.common import ROOT
 
 __all__ = ["AcadosFailed", "environment", "run_peer"]
 
 WHEEL = "comma-deps-acados==0.2.2.post92"  # acados, HPIPM, BLASFEO (Haswell), its template renderer
-ROOT = Path(__file__).resolve().parents[2]
-
-
 NEEDS = f"it needs pip, {WHEEL} (Linux on x86-64), gcc and make"
 
 

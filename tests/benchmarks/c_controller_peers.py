@@ -8,25 +8,19 @@ CALL is JSON: the controller, the scene, the file of its recorded states, how ma
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-for name in THREADS:
-    os.environ.setdefault(name, "1")
+import numpy as np
 
-import numpy as np  # noqa: E402
+from softmpc.control.mpc import Mpc
+from softmpc.control.solvers import make_solver
+from tests.benchmarks.c_controller_states import transcription_of
+from tests.benchmarks.common import answer_of
+from tests.benchmarks.same_problem import Problem, Theirs
 
-from softmpc.control.mpc import Mpc  # noqa: E402
-from softmpc.control.solvers import make_solver  # noqa: E402
-from tests.benchmarks.c_controller_states import transcription_of  # noqa: E402
-from tests.benchmarks.same_problem import Problem, Theirs  # noqa: E402
-
-ROOT = Path(__file__).resolve().parents[2]
 FIRST = 3  # steps that are not timed
 # Controller -> softmpc's solver (None: do-mpc's), steps after the first ones; None is all of them.
 PEERS: dict[str, tuple[str | None, int | None]] = {
@@ -72,16 +66,9 @@ def one(peer: str, scene: str, states: str, steps: int) -> dict[str, Any]:
 def run_peer(peer: str, scene: str, states: Path, most: int) -> dict[str, Any]:
     """What `one` finds in a process of its own, with softmpc's own functions compiled."""
     steps = most if PEERS[peer][1] is None else min(most, FIRST + int(PEERS[peer][1] or 0))
-    call = json.dumps({"peer": peer, "scene": scene, "states": str(states), "steps": steps})
-    variables = {**os.environ, **dict.fromkeys(THREADS, "1"), "SOFTMPC_COMPILE": "require"}
-    command = [sys.executable, "-W", "ignore", "-m", "tests.benchmarks.c_controller_peers"]
-    done = subprocess.run(
-        command, input=call, capture_output=True, text=True, env=variables, cwd=ROOT
-    )
-    if done.returncode:
-        raise SystemExit(f"{peer} failed:\n{done.stderr}")
-    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return answer
+    call = {"peer": peer, "scene": scene, "states": str(states), "steps": steps}
+    variables = {"SOFTMPC_COMPILE": "require"}
+    return dict(answer_of("tests.benchmarks.c_controller_peers", call=call, variables=variables))
 
 
 if __name__ == "__main__":

@@ -159,17 +159,21 @@ class Program:
         about, u, parts = np.split(table, split_at, axis=1)
         return Timed(*about.T, u=u, parts=parts)
 
-    def instructions(self) -> dict[str, float] | None:
-        """Instructions of a step, all and by parts (means); None without Valgrind."""
+    def instructions(self, steps: int | None = None) -> dict[str, float] | None:
+        """Instructions of the first steps (None: of all), whole and by parts (means of a step).
+
+        None without Valgrind.
+        """
+        steps = steps or self.steps
         if shutil.which("valgrind") is None:
             return None
         out = self.folder / "callgrind.out"
         tool = ["valgrind", "--tool=callgrind", "--toggle-collect=one_step"]
         file = f"--callgrind-out-file={out}"
-        _do([*tool, file, str(self.plain), str(self.states), "1", str(self.steps)])
+        _do([*tool, file, str(self.plain), str(self.states), "1", str(steps)])
         table = _do(["callgrind_annotate", "--inclusive=yes", "--threshold=100", str(out)])
         counts = {
-            name: int(number.replace(",", "")) / self.steps
+            name: int(number.replace(",", "")) / steps
             for number, name in re.findall(r"^ *([\d,]+) .*:(\w+) \[", table, re.MULTILINE)
         }
         parts = {

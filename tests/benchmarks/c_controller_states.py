@@ -13,10 +13,10 @@ from softmpc.control.solvers import make_solver
 from softmpc.control.tracking import Setup, read_track_file, set_up
 from softmpc.control.transcription import Transcription
 from softmpc.model.model import build
+from tests.benchmarks.common import EXAMPLES
 
-__all__ = ["EXAMPLES", "Recorded", "record", "transcription_of"]
+__all__ = ["Recorded", "record", "transcription_of"]
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CONVERGED = 1e-8  # of the optimum that inputs are compared with
 AT_LIMIT = 1e-3  # of its range: as near is at a limit
 

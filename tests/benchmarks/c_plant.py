@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from softmpc.compiler import compiler
 from softmpc.control.baselines import FeedForward
 from softmpc.control.tracking import read_track_file, set_up
 from softmpc.model.model import Model
 from softmpc.simulation.idas import Idas
+from tests.benchmarks.common import EXAMPLES, LeftOut
 from tests.c_plant import CPlant, compiled_plant
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 NAMES = ("figure_eight", "figure_eight_rig")
 SAMPLES = 25  # a step
 
@@ -36,7 +37,7 @@ def run_c(plant: CPlant, x: np.ndarray, inputs: np.ndarray, step: float) -> np.n
     return np.array(found)
 
 
-def measured(name: str) -> str:
+def measured(name: str) -> dict[str, float]:
     """One line of the table."""
     _, scene, task = read_track_file(EXAMPLES / f"{name}.toml")
     setup = set_up(scene, task)
@@ -53,14 +54,27 @@ def measured(name: str) -> str:
     wanted = np.vstack(states)[1:]
     off = np.linalg.norm(tips_of(model, found) - tips_of(model, wanted), axis=1).max()
     seconds = len(inputs) * step
-    return f"{name:18} {len(x):6} {seconds:8.2f} {off:12.1e} {1e3 * spent / seconds:12.1f}"
+    found = {"states_count": len(x), "motion_s": seconds, "tip_m_most": float(off)}
+    return found | {"cpu_ms_a_second": 1e3 * spent / seconds}
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """The figure eight; in full mode on the rig, too."""
+    if compiler() is None:
+        raise LeftOut("needs a C compiler")
+    return {
+        f"{name}_{what}": value
+        for name in NAMES[: 1 if quick else None]
+        for what, value in measured(name).items()
+    }
 
 
 def main(names: list[str]) -> None:
     """Print the table."""
     print(f"{'scene':18} {'states':>6} {'motion s':>8} {'tip, most m':>12} {'CPU ms/s':>12}")
     for name in names or NAMES:
-        print(measured(name), flush=True)
+        states, seconds, off, spent = measured(name).values()
+        print(f"{name:18} {states:6} {seconds:8.2f} {off:12.1e} {spent:12.1f}", flush=True)
 
 
 if __name__ == "__main__":

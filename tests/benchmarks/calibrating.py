@@ -18,6 +18,7 @@ from softmpc.simulation.inputs import InputProfile, Step
 from softmpc.study.arm_at import ArmAt
 from softmpc.study.calibrate import CalibrationProblem
 from softmpc.study.free_parameters import FreeParameter, ParameterSpace
+from tests.benchmarks.common import key
 from tests.benchmarks.coverage import PROBLEMS
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -64,6 +65,18 @@ def times() -> dict[str, list[float]]:
             for what, seconds in zip(("a rest", "2 s of motion"), ends, strict=True):
                 found.setdefault(f"{what}, {name}", []).append(seconds)
     return found
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Errors of derivatives (those of poses alone in quick mode), and times."""
+    chosen = {name: PROBLEMS[name] for name in PROBLEMS if not quick or name == "static poses"}
+    found = {
+        key("derivative error", name, f"step {step:.0e}"): error
+        for name, problem in chosen.items()
+        for step, error in zip(STEPS, errors(problem()), strict=True)
+    }
+    took = {key(name): statistics.median(seconds) for name, seconds in times().items()}
+    return found | {f"{name}_ms": 1e3 * seconds for name, seconds in took.items()}
 
 
 def main() -> None:

@@ -7,6 +7,7 @@ iteration; times are medians of processor-bound steps on this machine, to be com
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from softmpc.control.compare import row_of
 from softmpc.control.tracking import read_tracking, set_up
 from softmpc.errors import SceneError
 from softmpc.model.scene_file import scene_from_dict
+from tests.benchmarks.common import key
 
 ARM = {"effects": {"gravity": [0.0, 0.0, 9.81]}, "actuation": {"kind": "hydraulic"}}
 PATHS: dict[str, dict[str, Any]] = {
@@ -41,20 +43,44 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 
 
-def cell(path: dict[str, Any], changes: dict[str, Any]) -> tuple[str, int]:
-    """RMS error and median time of a step, and how many states the controller has."""
+def measured(path: dict[str, Any], changes: dict[str, Any]) -> dict[str, float]:
+    """RMS error (mm), median of a step (ms), failures, states of the controller.
+
+    Raises `SceneError` where such a controller cannot follow the path.
+    """
     controller = {"scene": changes} if changes else {}
     task = read_tracking({**path, "controller": controller}, Path("."), ARM)
+    setup = set_up(scene_from_dict(ARM), task)
+    found = row_of(setup.run(setup.controller))
+    return {
+        "rms_mm": found["rms_error_mm"],
+        "step_ms_median": found["step_ms_median"],
+        "failed_count": found["failures"],
+        "states_count": len(setup.ocp.model.layout.x),
+    }
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """The fast line with five controllers in quick mode; else all. What cannot follow is no row."""
+    chosen = list(SCENES)[:5] if quick else list(SCENES)
+    found: dict[str, float] = {}
+    for path in ("fast line",) if quick else PATHS:
+        for name in chosen:
+            with suppress(SceneError):
+                each = measured(PATHS[path], SCENES[name])
+                found |= {key(path, name, what): value for what, value in each.items()}
+    return found
+
+
+def cell(path: dict[str, Any], changes: dict[str, Any]) -> tuple[str, int]:
+    """A cell of the table, and how many states the controller has."""
     try:
-        setup = set_up(scene_from_dict(ARM), task)
+        found = measured(path, changes)
     except SceneError as error:
         return f"{str(error).split(':')[2].strip()[:24]:>24}", 0
-    found = row_of(setup.run(setup.controller))
-    failed = f" ({found['failures']} failed)" if found["failures"] else ""
-    return (
-        f"{found['rms_error_mm']:10.4f} {found['step_ms_median']:6.1f}{failed:8}",
-        len(setup.ocp.model.layout.x),
-    )
+    failed = f" ({found['failed_count']} failed)" if found["failed_count"] else ""
+    text = f"{found['rms_mm']:10.4f} {found['step_ms_median']:6.1f}{failed:8}"
+    return text, int(found["states_count"])
 
 
 def main() -> None:

@@ -12,7 +12,6 @@ the virtual machine, too.
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 import time
@@ -27,6 +26,7 @@ from softmpc.compiler import Compiler
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
+from tests.benchmarks.common import LeftOut, arguments, key
 from tests.benchmarks.instructions import microseconds
 
 CALLS = 100
@@ -69,6 +69,33 @@ def seconds_to_compile(cc: Compiler, code: str, folder: Path) -> float:
     return time.perf_counter() - start
 
 
+def measured(function: ca.Function) -> dict[str, float]:
+    """What compiling a function costs and gives; the second time it is in the cache."""
+    start = time.perf_counter()
+    compiled(function, "require")
+    middle = time.perf_counter()
+    fast = compiled(function, "require")
+    found = {"compile_s": middle - start, "load_ms": 1e3 * (time.perf_counter() - middle)}
+    found |= {"us": microseconds(function), "compiled_us": microseconds(fast)}
+    found["time_ratio"] = found["us"] / found["compiled_us"]
+    return found
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Residual, Jacobian and loop: at one segment in quick mode, else at 1, 2 and 4."""
+    if compiler() is None:
+        raise LeftOut("needs a C compiler")
+    found: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["SOFTMPC_CACHE"] = folder
+        for n, function in functions([1] if quick else [1, 2, 4]):
+            name = key(n, "segments" if n > 1 else "segment", function.name())
+            found[f"{name}_instructions"] = instructions(function)
+            if instructions(function) <= LARGEST:
+                found |= {f"{name}_{what}": value for what, value in measured(function).items()}
+    return found
+
+
 def table(segments: list[int], everything: bool) -> None:
     print("segments  function           instructions  compile s  load ms     VM µs  compiled µs"
           "  ratio  pays after calls")  # fmt: skip
@@ -78,16 +105,11 @@ def table(segments: list[int], everything: bool) -> None:
         if size > LARGEST and not everything:
             print(f"{line}  left in the virtual machine, as in use", flush=True)
             continue
-        start = time.perf_counter()
-        compiled(function, "require")
-        compile_s = time.perf_counter() - start
-        start = time.perf_counter()
-        fast = compiled(function, "require")
-        load_ms = 1e3 * (time.perf_counter() - start)
-        slow_us, fast_us = microseconds(function), microseconds(fast)
-        pays = 1e6 * compile_s / (slow_us - fast_us)
-        print(f"{line} {compile_s:10.2f} {load_ms:8.1f} {slow_us:9.1f} {fast_us:12.1f}"
-              f" {slow_us / fast_us:6.1f} {pays:17,.0f}", flush=True)  # fmt: skip
+        found = measured(function)
+        pays = 1e6 * found["compile_s"] / (found["us"] - found["compiled_us"])
+        print(f"{line} {found['compile_s']:10.2f} {found['load_ms']:8.1f} {found['us']:9.1f}"
+              f" {found['compiled_us']:12.1f} {found['time_ratio']:6.1f} {pays:17,.0f}",
+              flush=True)  # fmt: skip
 
 
 def table_of_flags(cc: Compiler, segments: list[int], folder: Path) -> None:
@@ -104,9 +126,7 @@ def table_of_flags(cc: Compiler, segments: list[int], folder: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--segments", default="1,2,4", help="of each section")
     parser.add_argument("--flags", action="store_true", help="compare flags of the compiler")
     parser.add_argument("--all", action="store_true", help="functions beyond the limit, too")

@@ -14,17 +14,21 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
 from typing import Any
+
+from tests.benchmarks.common import answer_of, arguments, key
 
 CENTER, DIAMETER, LAP = (0.12, 0.0, 0.57), 0.08, 4.0
 STEP, FIRST = 0.025, 3  # steps before FIRST are not counted in step times
 FEW = 12  # steps of what takes a second each
 FULL, SATURATED, WEAK = 2.5, 0.8, 0.7  # N·m, torque limits
 SOLVERS = {"IPOPT": "ipopt", "Fatrop": "fatrop", "SQP": "sqp", "RTI": "real-time"}
+FAST = (("SQP", "auto"), ("RTI", "auto"), ("blocked", "auto"))
+ROWS = (*((name, "never") for name in SOLVERS), *FAST)  # and SOFTMPC_COMPILE
+QUICK = (("IPOPT", "never"), ("RTI", "never"), *FAST[:2])
 BEGAN = "SOFTMPC_BENCHMARK_BEGAN"  # when a process was started
 BLOCKS = (1, 1, 2, 4, 12)  # intervals that share a move
 
@@ -97,15 +101,47 @@ def run(mpc: Any, reference: Any, model: Any, start: Any, steps: int, top: float
 def measured(cache: str | None, mode: str = "never", **call: Any) -> dict[str, Any]:
     """The answer of a process of its own; without `cache` it finds nothing compiled before."""
     with tempfile.TemporaryDirectory() as empty:
-        variables = {name: value for name, value in os.environ.items() if "THREADS" not in name}
-        variables |= {"SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache or empty}
+        variables = {"SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache or empty}
         variables[BEGAN] = str(time.time())
-        command = [sys.executable, "-m", "tests.benchmarks.controllers", "--one", json.dumps(call)]
-        done = subprocess.run(command, capture_output=True, text=True, env=variables)
-    if done.returncode:
-        sys.exit(f"{call} failed:\n{done.stderr}")
-    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return answer
+        answer = answer_of("tests.benchmarks.controllers", "--one", call=call, variables=variables)
+    return dict(answer)
+
+
+def steps_of(cache: str, name: str, mode: str, top: float, steps: int) -> dict[str, Any]:
+    """A row of the step times."""
+    call: dict[str, Any] = {"solver": SOLVERS.get(name, "real-time"), "top": top}
+    call |= {"blocks": BLOCKS} if name == "blocked" else {}
+    call["steps"] = FEW if name in ("IPOPT", "Fatrop") else steps
+    return measured(cache, mode, segments=1, intervals=20, **call)
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Step times, costs over those of SQP, growth of real-time iteration with the horizon."""
+    steps, found = FIRST + (12 if quick else 40), {}
+    with tempfile.TemporaryDirectory() as cache:
+        for top, word in ((FULL, "free"), (SATURATED, "saturated")):
+            rows = {row: steps_of(cache, *row, top, steps) for row in (QUICK if quick else ROWS)}
+            best = rows["SQP", "auto"]["costs"][FEW - 1]
+            for (name, mode), one in rows.items():
+                where = key(name, word, "" if mode == "auto" else "not compiled")
+                found |= {f"{where}_{what}": value for what, value in told(one, best).items()}
+        for intervals in (10, 40):
+            call = {"solver": "real-time", "segments": 1, "intervals": intervals, "top": FULL}
+            one = measured(cache, "auto", steps=steps, **call)
+            found[f"rti_{intervals}_intervals_step_cpu_ms_median"] = middle(one["cpu"])
+    cold = measured(None, "auto", solver="real-time", segments=1, intervals=20, steps=4, top=FULL)
+    return found | {"rti_cold_start_s": cold["cold"][0], "rti_cold_start_cpu_s": cold["cold"][1]}
+
+
+def told(one: dict[str, Any], best: float) -> dict[str, float]:
+    """Numbers of a row; costs are those of the first steps, over the best one's."""
+    return {
+        "step_ms_median": middle(one["ms"]),
+        "step_cpu_ms_median": middle(one["cpu"]),
+        "iterations": one["iterations"],
+        "cost_over_sqp": one["costs"][FEW - 1] / best,
+        "failed_count": one["failed"],
+    }
 
 
 def percentiles(ms: list[float]) -> str:
@@ -119,17 +155,13 @@ def step_times(cache: str, steps: int, alone: bool) -> None:
           "(ms: median, 95 %, 100 %)")  # fmt: skip
     print("solver   compiled  torque          50 %      95 %     100 %   CPU 50 %  iterations  "
           "cost/IPOPT  at limit  failed")  # fmt: skip
-    fast, compiled = [("SQP", "auto"), ("RTI", "auto"), ("blocked", "auto")], ""
-    rows = [*((name, "never") for name in SOLVERS), *fast]
+    compiled = ""
     for top, word in ((FULL, "free"), (SATURATED, "saturated"), (WEAK, "too weak")):
         best: list[float] = []
-        for name, mode in rows if top > WEAK else rows[3:]:
+        for name, mode in ROWS if top > WEAK else ROWS[3:]:
             if alone and name not in ("RTI", "blocked"):
                 continue
-            call: dict[str, Any] = {"solver": SOLVERS.get(name, "real-time"), "top": top}
-            call |= {"blocks": BLOCKS} if name == "blocked" else {}
-            call["steps"] = FEW if name in ("IPOPT", "Fatrop") else steps
-            found = measured(cache, mode, segments=1, intervals=20, **call)
+            found = steps_of(cache, name, mode, top, steps)
             best = best or found["costs"]
             shown = top > WEAK and not alone  # there is an IPOPT to compare with
             ratio = f"{found['costs'][FEW - 1] / best[FEW - 1]:.4f}" if shown else ""
@@ -197,15 +229,13 @@ def middle(ms: list[float]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer steps and sizes")
     parser.add_argument("--real-time", action="store_true", help="step times of nothing else")
-    parser.add_argument("--one", type=json.loads, help=argparse.SUPPRESS)
+    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
-        print(json.dumps(one(**given.one)))
+        print(json.dumps(one(**json.load(sys.stdin))))
         return
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     with tempfile.TemporaryDirectory() as cache:

@@ -25,6 +25,7 @@ from softmpc.study.free_parameters import FreeParameter, Tie
 from softmpc.study.observations import MotionRecord, Observation, StaticPose
 from softmpc.study.residuals import Data
 from softmpc.sweeps import sweep
+from tests.benchmarks.common import key
 
 SEEDS = 200
 NOISE = 5e-4  # m
@@ -132,6 +133,16 @@ def coverage(name: str, seeds: int, workers: int | None = None) -> dict[str, dic
         label: dict(zip(paths, np.mean([row[label] for row in found], axis=0), strict=True))
         for label in ("known", "estimated")
     }
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Static poses and 24 seeds in quick mode; else both studies and 200 seeds."""
+    found: dict[str, float] = {}
+    for name in list(PROBLEMS)[: 1 if quick else None]:
+        for label, shares in coverage(name, 24 if quick else SEEDS).items():
+            for path, share in shares.items():
+                found[key(name, path.rpartition(".")[2], "sigma", label, "share")] = share
+    return found
 
 
 def main(seeds: int) -> None:

@@ -32,6 +32,7 @@ from softmpc.control.transcription import Transcription
 from softmpc.estimation.sensing import Sample, Sensing
 from softmpc.estimation.sensors import TICK
 from softmpc.simulation.idas import Idas
+from tests.benchmarks.common import key
 from tests.consistency import CONTROL, Laboratory, Line, Runs, line
 
 STEPS, EARLY = 120, 10
@@ -113,6 +114,25 @@ def alone(lab: Laboratory, told: Sequence[tuple[int, list[Sample], np.ndarray]])
         took.append(time.perf_counter() - began)
         estimator.applied(u, tick)
     return float(np.median(took[5:]))
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Times, and how consistent the filter is over 4 runs (quick) or 100."""
+    runs, lab = 4 if quick else 100, Laboratory()
+    seconds = dict(zip(("estimate", "controller", "estimate_alone"), costs(lab, 40), strict=True))
+    found = {f"{name}_step_ms_median": 1e3 * took for name, took in seconds.items()}
+    found["estimate_to_controller_time_ratio"] = seconds["estimate"] / seconds["controller"]
+    for title, some in {
+        "matched": lab.matched(runs, STEPS, 0),
+        "mismatched": lab.mismatched(max(2, runs // 5), STEPS, 0),
+    }.items():
+        for one in table(lab, some):
+            found |= {
+                key(title, one.name, "mean"): one.mean,
+                key(title, one.name, "share"): one.within,
+            }
+        found[key(title, "readings turned away count")] = some.refused
+    return found
 
 
 def main() -> None:

@@ -10,7 +10,6 @@ within 5 mm of the path (three times what it is without faults), and to stay the
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections import Counter, defaultdict
@@ -20,6 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from tests.benchmarks.common import arguments, key
 
 BACK, NEAR = 2.0, 5e-3  # s, m
 LAST = 3.0  # s, when the last fault has ended
@@ -126,6 +127,38 @@ def _looked_at(rig: Any, result: Any, tables: list[dict[str, Any]]) -> dict[str,
     }
 
 
+def judged(found: list[dict[str, Any]]) -> dict[str, int]:
+    """Runs that are not as they should be, by what is wrong."""
+    good = [one for one in found if not one["error"]]
+    return {
+        "uncaught exceptions": len(found) - len(good),
+        "runs that the plant stopped": sum(one["status"] != "finished" for one in good),
+        "runs with a NaN out": sum(not one["finite"] for one in good),
+        "runs with a torque limit broken": sum(one["torque_over"] > 0 for one in good),
+        "runs with a rate limit broken": sum(one["rate_over"] > 1e-12 for one in good),
+        f"runs not back within {BACK:g} s": sum(one["back_after"] > BACK for one in good),
+    }
+
+
+def swept(seeds: range, workers: int, report: Any = None) -> list[dict[str, Any]]:
+    """All runs of some seeds."""
+    from softmpc.sweeps import sweep
+
+    return sweep(Run(), seeds, executor=workers, chunk=10, progress=report)
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Eight seeds in quick mode, else 200: how many were not as they should be, and times back."""
+    found = swept(range(8 if quick else 200), 2)
+    counts = {key(what, "count"): float(count) for what, count in judged(found).items()}
+    back = [one["back_after"] for one in found if not one["error"]]
+    return counts | {
+        "runs_count": len(found),
+        "back_after_s_median": float(np.median(back)),
+        "back_after_s_largest": max(back),
+    }
+
+
 def tell(found: list[dict[str, Any]]) -> bool:
     """The table by kind of fault, and whether all is as it should be."""
     errors = [one for one in found if one["error"]]
@@ -140,14 +173,7 @@ def tell(found: list[dict[str, Any]]) -> bool:
         worst = Counter(one["worst_state"] for one in runs)
         print(f"{kind:15}  {len(runs):4d}  {np.median(times):21.2f}  {times.max():7.2f}  "
               f"{int((times > BACK).sum()):5d}  {worst[3]:9d}  {worst[2]:9d}")  # fmt: skip
-    checks = {
-        "uncaught exceptions": len(errors),
-        "runs that the plant stopped": sum(one["status"] != "finished" for one in good),
-        "runs with a NaN out": sum(not one["finite"] for one in good),
-        "runs with a torque limit broken": sum(one["torque_over"] > 0 for one in good),
-        "runs with a rate limit broken": sum(one["rate_over"] > 1e-12 for one in good),
-        f"runs not back within {BACK:g} s": sum(one["back_after"] > BACK for one in good),
-    }
+    checks = judged(found)
     for what, count in checks.items():
         print(f"{what:32} {count} of {len(found)}")
     for one in errors[:5]:
@@ -161,11 +187,8 @@ def tell(found: list[dict[str, Any]]) -> bool:
 
 def main() -> None:
     from softmpc.cli.common import progress
-    from softmpc.sweeps import sweep
 
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
@@ -175,7 +198,7 @@ def main() -> None:
     print(f"without faults: largest error after 1 s {usual['largest_mm']:.2f} mm")
     seeds = range(given.first, given.first + given.runs)
     with progress("runs") as report:
-        found = sweep(Run(), seeds, executor=given.workers, chunk=10, progress=report)
+        found = swept(seeds, given.workers, report)
     if given.json:
         given.json.write_text(json.dumps(found, indent=1))
     sys.exit(0 if tell(found) else 1)

@@ -16,19 +16,22 @@ from __future__ import annotations
 import argparse
 import re
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from softmpc.codegen.emulate import read_sizes
 from softmpc.codegen.generate import generate_file
+from tests.benchmarks.common import EXAMPLES, ROOT, LeftOut, arguments
 from tests.codegen_stack import FLAGS, Stack
 
-ROOT = Path(__file__).parents[2]
 FUZZ = ROOT / "tests" / "codegen_c" / "fuzz.c"
 SINGLE = {
     "gcc": ("-DSMPC_FLOAT", "-fsingle-precision-constant"),
@@ -41,26 +44,54 @@ CHECKED = (
 )  # fmt: skip
 
 
-def compiled(folder: Path, cc: str, flags: Sequence[str]) -> Path:
-    """The program; says what compiling the directory took and made."""
-    print(f"{cc} {' '.join(flags)}")
-    parts = {"controller": sorted(folder.glob("*.c"))}
-    parts |= {of: sorted((folder / of).glob("*.c")) for of in ("arm", "demo")}
-    objects = {
-        name: _objects(folder, files, folder / "fuzz" / name, [cc, *flags])
-        for name, files in parts.items()
+@dataclass(frozen=True)
+class Compiled:
+    """A part of the directory: its objects, CPU time (s) of the compiler, bytes of all."""
+
+    objects: list[Path]
+    cpu_s: float
+    longest: tuple[float, str]  # s, and which file
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Fuzz:
+    """The program, what compiling the directory took and made, stacks of calls (bytes)."""
+
+    program: Path
+    parts: dict[str, Compiled]
+    stack: dict[str, int]
+
+    def lines(self) -> Iterator[str]:
+        for name, one in self.parts.items():
+            yield (
+                f"  {name}: {one.cpu_s:.1f} s of CPU time for {len(one.objects)} files "
+                f"({one.longest[0]:.1f} s for {one.longest[1]}), {one.bytes / 1024:.0f} KiB"
+            )
+        if self.stack:
+            told = (f"{name} {count} bytes" for name, count in self.stack.items())
+            yield f"  stack: {', '.join(told)}"
+
+
+def compiled(folder: Path, cc: str, flags: Sequence[str]) -> Fuzz:
+    """The program of a generated directory."""
+    files = {"controller": sorted(folder.glob("*.c"))}
+    files |= {of: sorted((folder / of).glob("*.c")) for of in ("arm", "demo")}
+    parts = {
+        name: _objects(folder, some, folder / "fuzz" / name, [cc, *flags])
+        for name, some in files.items()
     }
-    program = folder / "fuzz" / "program"
-    own = [str(FUZZ), *map(str, objects["controller"])]
+    program, objects = folder / "fuzz" / "program", parts["controller"].objects
+    own = [str(FUZZ), *map(str, objects)]
     _run([cc, *flags, f"-I{folder}", *own, "-o", str(program), "-lm"])
+    found: dict[str, int] = {}
     if FLAGS[0] in flags:
-        stack = Stack(objects["controller"], read_sizes(folder)["MOVES"] + 2)
-        calls = ("smpc_prepare", "smpc_feedback", "smpc_step")
-        print("  stack: " + ", ".join(f"{name} {stack.of(name)} bytes" for name in calls))
-    return program
+        stack = Stack(objects, read_sizes(folder)["MOVES"] + 2)
+        found = {call: stack.of(call) for call in ("smpc_prepare", "smpc_feedback", "smpc_step")}
+    return Fuzz(program, parts, found)
 
 
-def _objects(folder: Path, files: Sequence[Path], into: Path, words: list[str]) -> list[Path]:
+def _objects(folder: Path, files: Sequence[Path], into: Path, words: list[str]) -> Compiled:
     into.mkdir(parents=True)
     made, began, longest = [into / f"{file.stem}.o" for file in files], _children(), (0.0, "")
     for file, there in zip(files, made, strict=True):
@@ -70,11 +101,7 @@ def _objects(folder: Path, files: Sequence[Path], into: Path, words: list[str]) 
     took = _children() - began
     rows = _run(["size", *map(str, made)]).splitlines()[1:]
     total = sum(int(row.split()[0]) + int(row.split()[1]) for row in rows)  # code and constants
-    print(
-        f"  {into.name}: {took:.1f} s of CPU time for {len(files)} files ({longest[0]:.1f} s for "
-        f"{longest[1]}), {total / 1024:.0f} KiB"
-    )
-    return made
+    return Compiled(made, took, longest, total)
 
 
 def _children() -> float:
@@ -106,9 +133,55 @@ def together(said: Sequence[str]) -> tuple[Counter[str], float, float]:
     return counts, max(longest, default=float("nan")), sum(seconds)
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="random inputs for a controller in C")
-    parser.add_argument("scene", nargs="?", default=str(ROOT / "examples" / "figure_eight.toml"))
+@dataclass(frozen=True)
+class Fuzzed:
+    """All workers together: what compiling gave, counts, the longest step (ms), complaints."""
+
+    made: Fuzz
+    steps: int
+    counts: Counter[str]
+    longest_ms: float
+    cpu_s: float
+    complaints: list[tuple[int, str]]
+
+
+def fuzz(scene: str, args: argparse.Namespace, flags: Sequence[str]) -> Fuzzed:
+    """Generate, compile and run."""
+    with tempfile.TemporaryDirectory(prefix="softmpc-fuzz-") as scratch:
+        folder = Path(scratch) / "controller"
+        generate_file(scene, folder)
+        made = compiled(folder, args.cc, flags)
+        share = -(-args.steps // args.workers)
+        with ThreadPoolExecutor(args.workers) as threads:
+            seeds = range(args.seed, args.seed + args.workers)
+            run = partial(fuzzed, made.program, share, budget=args.budget)
+            found = list(threads.map(run, seeds))
+    told = together([said for _, said, _ in found])
+    bad = [(code, complaint) for code, _, complaint in found if code]
+    return Fuzzed(made, share * args.workers, *told, bad)
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """20,000 steps in quick mode, else 1,000,000; wrong steps, time, and what compiling gives."""
+    if shutil.which("gcc") is None:
+        raise LeftOut("needs gcc")
+    args = arguments_of(["--steps", "20000" if quick else "1000000"])
+    found = fuzz(args.scene, args, (*RELEASE, *FLAGS))
+    numbers = {
+        "steps_count": float(found.steps),
+        "workers_that_failed_count": len(found.complaints),
+    }
+    numbers |= {"longest_step_cpu_ms": found.longest_ms}
+    numbers["step_cpu_us_mean"] = 1e6 * found.cpu_s / found.steps
+    numbers |= {f"{call}_stack_bytes": count for call, count in found.made.stack.items()}
+    for name, one in found.made.parts.items():
+        numbers |= {f"{name}_compile_cpu_s": one.cpu_s, f"{name}_bytes": one.bytes}
+    return numbers
+
+
+def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
+    parser = arguments(__doc__)
+    parser.add_argument("scene", nargs="?", default=str(EXAMPLES / "figure_eight.toml"))
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
@@ -116,26 +189,22 @@ def main() -> int:
     parser.add_argument("--budget", type=float, default=0.0, help="s of CPU time of a step; 0: any")
     parser.add_argument("--float", action="store_true")
     parser.add_argument("--sanitize", action="store_true")
-    args = parser.parse_args()
+    return parser.parse_args(words)
+
+
+def main() -> int:
+    args = arguments_of(None)
     flags = [*(CHECKED if args.sanitize else RELEASE), *(SINGLE[args.cc] if args.float else ())]
     flags += FLAGS if args.cc == "gcc" and not args.sanitize else ()
-    with tempfile.TemporaryDirectory(prefix="softmpc-fuzz-") as scratch:
-        folder = Path(scratch) / "controller"
-        generate_file(args.scene, folder)
-        program = compiled(folder, args.cc, flags)
-        share = -(-args.steps // args.workers)
-        with ThreadPoolExecutor(args.workers) as threads:
-            seeds = range(args.seed, args.seed + args.workers)
-            found = list(threads.map(lambda s: fuzzed(program, share, s, args.budget), seeds))
-    counts, longest, seconds = together([said for _, said, _ in found])
-    print(f"{share * args.workers} steps, {seconds:.0f} s of CPU time")
-    for name, count in counts.items():
+    found = fuzz(args.scene, args, flags)
+    print(f"{args.cc} {' '.join(flags)}", *found.made.lines(), sep="\n")
+    print(f"{found.steps} steps, {found.cpu_s:.0f} s of CPU time")
+    for name, count in found.counts.items():
         print(f"  {name:<20} {count:>10}")
-    print(f"longest step: {longest:.1f} ms of CPU time")
-    for code, _, complaint in found:
-        if code:
-            print(f"ended with {code}: {complaint.strip()[-2000:]}")
-    return int(any(code for code, _, _ in found))
+    print(f"longest step: {found.longest_ms:.1f} ms of CPU time")
+    for code, complaint in found.complaints:
+        print(f"ended with {code}: {complaint.strip()[-2000:]}")
+    return int(bool(found.complaints))
 
 
 if __name__ == "__main__":

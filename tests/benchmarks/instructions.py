@@ -11,7 +11,6 @@ M, C, N, τ together. `ratio` is the Jacobian by automatic differentiation over 
 
 from __future__ import annotations
 
-import argparse
 import time
 from statistics import median
 
@@ -32,7 +31,18 @@ from softmpc.model.effects import (
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
+from tests.benchmarks.common import arguments, key
 
+DEFAULT = "with rotary inertia"
+SEGMENTS = (1, 2, 4, 8)
+# Columns of the table -> what numbers are called.
+NAMES = {
+    "residual": "residual",
+    "along": "residual_along",
+    "Jacobian": "jacobian",
+    "by AD": "jacobian_by_ad",
+    "M C N τ": "equations",
+}
 EFFECTS: dict[str, tuple[Effect, ...]] = {
     "without rotary inertia": (Gravity(), Inertia(), Coriolis()),
     "with rotary inertia": (Gravity(), Inertia(), Coriolis(), RotaryInertia()),
@@ -86,40 +96,64 @@ def microseconds(function: ca.Function, calls: int = 200) -> float:
     return 1e6 * median(times)
 
 
-def row(segments: int, effects: tuple[Effect, ...], largest_ad: int) -> list[str]:
+def functions(segments: int, effects: tuple[Effect, ...], by_ad: bool) -> dict[str, ca.Function]:
+    """What is counted, by column."""
     model = build(Scene(chen2022(), segments=segments, effects=effects))
-    functions: list[ca.Function | None] = [model.residual, model.residual_along]
-    functions.append(model.residual_jacobian)
-    functions += [jacobian_by_ad(model) if segments <= largest_ad else None, model.equations]
-    cells = []
-    for function in functions:
-        cells += ["-", "-"] if function is None else [_count(function), _time(function)]
-    ratio = "-"
-    if functions[3] is not None:
-        ratio = f"{executed(functions[3]) / executed(model.residual_jacobian):.1f}"
-    return [str(segments), *cells[:8], ratio, *cells[8:]]
+    found = {"residual": model.residual, "along": model.residual_along}
+    found["Jacobian"] = model.residual_jacobian
+    if by_ad:
+        found["by AD"] = jacobian_by_ad(model)
+    return found | {"M C N τ": model.equations}
 
 
-def _count(function: ca.Function) -> str:
-    return f"{executed(function):,}"
+def measured(
+    segments: int, effects: tuple[Effect, ...], by_ad: bool
+) -> dict[str, tuple[int, float]]:
+    """Instructions and microseconds of a call, by column."""
+    found = functions(segments, effects, by_ad)
+    return {name: (executed(f), microseconds(f)) for name, f in found.items()}
 
 
-def _time(function: ca.Function) -> str:
-    return f"{microseconds(function):.0f}"
+def row(segments: int, found: dict[str, tuple[int, float]]) -> list[str]:
+    cells = {
+        name: [f"{found[name][0]:,}", f"{found[name][1]:.0f}"] if name in found else ["-", "-"]
+        for name in NAMES
+    }
+    ratio = f"{found['by AD'][0] / found['Jacobian'][0]:.1f}" if "by AD" in found else "-"
+    whole = cells.pop("M C N τ")
+    return [str(segments), *(cell for two in cells.values() for cell in two), ratio, *whole]
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Counts and times of the scene with rotary inertia, counts of the others; AD up to 2 or 8."""
+    found: dict[str, float] = {}
+    for title, effects in EFFECTS.items():
+        chosen = title == DEFAULT
+        for segments in SEGMENTS if chosen or not quick else (1, 2):
+            own = functions(segments, effects, chosen and segments <= (2 if quick else 8))
+            where = key(*(() if chosen else (title,)), f"{segments}_segments")
+            for name, function in own.items():
+                what = key(where, NAMES[name])
+                found[f"{what}_instructions"] = executed(function)
+                if chosen:
+                    found[f"{what}_us"] = microseconds(function)
+            if "by AD" in own:
+                count = executed(own["by AD"]) / executed(own["Jacobian"])
+                found[f"{where}_instructions_by_ad_over_jacobian"] = count
+    return found
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=_Raw)
+    parser = arguments(__doc__)
     parser.add_argument("--ad", type=int, default=8, help="most segments for automatic Jacobians")
     largest_ad = parser.parse_args().ad
     for title, effects in EFFECTS.items():
         print(f"\n{title}")
         print("".join(f"{name:>10}" for name in COLUMNS))
-        for segments in (1, 2, 4, 8):
-            print("".join(f"{cell:>10}" for cell in row(segments, effects, largest_ad)), flush=True)
+        for segments in SEGMENTS:
+            found = measured(segments, effects, segments <= largest_ad)
+            print("".join(f"{cell:>10}" for cell in row(segments, found)), flush=True)
 
-
-_Raw = argparse.RawDescriptionHelpFormatter
 
 if __name__ == "__main__":
     main()

@@ -17,7 +17,6 @@ dense search at worst.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
 from itertools import pairwise
@@ -34,6 +33,7 @@ from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.inverse_result import InverseResult
 from softmpc.statics.rest_limits import rest_limits
 from softmpc.statics.targets import Position
+from tests.benchmarks.common import arguments, key, seconds_of
 
 LOAD = TipLoad(force=(0.6, -0.4, 1.0))
 HIT = 1e-5  # m
@@ -66,18 +66,35 @@ def tips_of(model: Model, pressures: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------- inside
 
 
-def inside(model: Model, inverse: InverseStatics, count: int) -> None:
+def inside(
+    model: Model, inverse: InverseStatics, count: int
+) -> dict[str, tuple[list[InverseResult], np.ndarray]]:
+    """Results and places: cold, with five starts compared, and warm along paths."""
     targets = tips_of(model, random_pressures(model, count, seed=1))
     inverse.solve(Position(tuple(targets[0])))  # build the program
-    cold = [inverse.solve(Position(tuple(place))) for place in targets]
-    compared = [inverse.solve(Position(tuple(place)), compare=5) for place in targets[: count // 5]]
-    print(f"  inside, cold:     {summary(model, cold, targets)}")
-    print(f"  inside, compared: {summary(model, compared, targets)}")
-    gain = np.array([a.cost / b.cost for a, b in zip(cold, compared, strict=False)]) - 1
-    print(f"    cost of the first start above the best of five: more than 1 % for "
-          f"{np.mean(gain > 0.01):.1%}, more than twice for {np.mean(gain > 1):.1%}")  # fmt: skip
-    warm, places = along_paths(model, inverse, max(count // 100, 3))
-    print(f"  warm, 3 mm steps: {summary(model, warm, places)}", flush=True)
+    few = targets[: count // 5]
+    return {
+        "cold": ([inverse.solve(Position(tuple(place))) for place in targets], targets),
+        "compared": ([inverse.solve(Position(tuple(place)), compare=5) for place in few], few),
+        "warm": along_paths(model, inverse, max(count // 100, 3)),
+    }
+
+
+def show_inside(found: dict[str, tuple[list[InverseResult], np.ndarray]], model: Model) -> None:
+    titles = {"cold": "inside, cold:     ", "compared": "inside, compared: "}
+    for name, (results, places) in found.items():
+        print(f"  {titles.get(name, 'warm, 3 mm steps: ')}{line(summary(model, results, places))}")
+        if name == "compared":
+            gain = gains(found)
+            print(f"    cost of the first start above the best of five: more than 1 % for "
+                  f"{np.mean(gain > 0.01):.1%}, more than twice for {np.mean(gain > 1):.1%}",
+                  flush=True)  # fmt: skip
+
+
+def gains(found: dict[str, tuple[list[InverseResult], np.ndarray]]) -> np.ndarray:
+    """How much the cost of the first start is above the best of five."""
+    pairs = zip(found["cold"][0], found["compared"][0], strict=False)
+    return np.array([one.cost / best.cost for one, best in pairs]) - 1
 
 
 def along_paths(
@@ -96,7 +113,8 @@ def along_paths(
     return results, np.array(places)
 
 
-def summary(model: Model, results: list[InverseResult], places: np.ndarray) -> str:
+def summary(model: Model, results: list[InverseResult], places: np.ndarray) -> dict[str, float]:
+    """Counts, the worst distance (mm), times (ms) of some results."""
     limits = rest_limits(model)
     hit = [np.linalg.norm(r.tips[-1] - x) <= HIT for r, x in zip(results, places, strict=False)]
     kept = [
@@ -106,11 +124,22 @@ def summary(model: Model, results: list[InverseResult], places: np.ndarray) -> s
     calm = [r.stable and r.on_rest_branch for r in results]
     ms = 1e3 * np.array([r.seconds for r in results])
     iterations = np.array([r.iterations for r in results])
+    return {
+        "solved_count": sum(good),
+        "of_count": len(results),
+        "stable_count": sum(calm),
+        "worst_mm": 1e3 * max(r.distance for r in results),
+        "ms_median": float(np.median(ms)),
+        "ms_95": float(np.quantile(ms, 0.95)),
+        "iterations_median": float(np.median(iterations)),
+    }
+
+
+def line(found: dict[str, float]) -> str:
     return (
-        f"{sum(good)} of {len(results)} solved, {sum(calm)} stable on the branch, "
-        f"worst {1e3 * max(r.distance for r in results):.1e} mm, "
-        f"{np.median(ms):.1f} ms ({np.quantile(ms, 0.95):.1f}), "
-        f"{np.median(iterations):.0f} iterations"
+        f"{found['solved_count']} of {found['of_count']} solved, {found['stable_count']} stable "
+        f"on the branch, worst {found['worst_mm']:.1e} mm, {found['ms_median']:.1f} ms "
+        f"({found['ms_95']:.1f}), {found['iterations_median']:.0f} iterations"
     )
 
 
@@ -156,7 +185,8 @@ class DenseSearch:
         return float(np.linalg.norm(find_equilibrium(self.model, p).tips[-1] - place))
 
 
-def outside(model: Model, inverse: InverseStatics, count: int, postures: int) -> None:
+def outside(model: Model, inverse: InverseStatics, count: int, postures: int) -> dict[str, float]:
+    """Counts, gaps to a dense search (mm), milliseconds, and how long that search took (s)."""
     began = time.perf_counter()
     dense = DenseSearch(model, postures)
     rng, low, high = np.random.default_rng(3), dense.tips.min(axis=0), dense.tips.max(axis=0)
@@ -167,22 +197,52 @@ def outside(model: Model, inverse: InverseStatics, count: int, postures: int) ->
         if least > 1e-4:
             results.append(inverse.solve(Position(tuple(place))))
             gaps.append(results[-1].distance - least)
-    said = sum(r.status == "unreachable" for r in results)
-    ms = 1e3 * np.array([r.seconds for r in results])
-    calm = [r.stable and r.on_rest_branch for r in results]
+    return {
+        "unreachable_count": sum(r.status == "unreachable" for r in results),
+        "of_count": count,
+        "stable_count": sum(r.stable and r.on_rest_branch for r in results),
+        "above_dense_search_mm": 1e3 * max(gaps),
+        "below_dense_search_mm": -1e3 * min(gaps),
+        "ms_median": 1e3 * float(np.median([r.seconds for r in results])),
+        "dense_search_s": time.perf_counter() - began,
+    }
+
+
+def show_outside(found: dict[str, float]) -> None:
     print(
-        f"  outside: {said} of {count} unreachable, {sum(calm)} stable on the branch; distance "
-        f"above the dense search's {1e3 * max(gaps):.1e} mm at most, below it "
-        f"{-1e3 * min(gaps):.1e} mm; {np.median(ms):.0f} ms; "
-        f"the dense search took {time.perf_counter() - began:.0f} s",
+        f"  outside: {found['unreachable_count']} of {found['of_count']} unreachable, "
+        f"{found['stable_count']} stable on the branch; distance above the dense search's "
+        f"{found['above_dense_search_mm']:.1e} mm at most, below it "
+        f"{found['below_dense_search_mm']:.1e} mm; {found['ms_median']:.0f} ms; "
+        f"the dense search took {found['dense_search_s']:.0f} s",
         flush=True,
     )
 
 
+def prepared(scene: Scene) -> tuple[Model, InverseStatics, float]:
+    """Model, inverse statics, and the seconds that its spread of postures took."""
+    model = build(scene)
+    inverse = InverseStatics(model)
+    return model, inverse, seconds_of(lambda: inverse.spread)
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """One segment without load, 60 targets and none outside in quick mode; else as printed."""
+    found: dict[str, float] = {}
+    for name, scene in [*scenes()][: 1 if quick else None]:
+        model, inverse, spread_s = prepared(scene)
+        found[key(name, "spread_s")] = spread_s
+        parts = inside(model, inverse, 60 if quick else 1000)
+        each = {where: summary(model, *both) for where, both in parts.items()}
+        if not quick:
+            each["outside"] = outside(model, inverse, 200, 100_000)
+        for where, values in each.items():
+            found |= {key(name, where, what): value for what, value in values.items()}
+    return found
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--quick", action="store_true", help="a tenth of it")
     parser.add_argument("--inside", type=int, default=1000)
     parser.add_argument("--outside", type=int, default=200)
@@ -191,15 +251,12 @@ def main() -> None:
     share = 10 if given.quick else 1
     for name, scene in scenes():
         print(name, flush=True)
-        model = build(scene)
-        began = time.perf_counter()
-        inverse = InverseStatics(model)
-        _ = inverse.spread
+        model, inverse, spread_s = prepared(scene)
         print(f"  {len(inverse.spread.postures)} postures to start from made in "
-              f"{1e3 * (time.perf_counter() - began):.0f} ms")  # fmt: skip
-        inside(model, inverse, given.inside // share)
+              f"{1e3 * spread_s:.0f} ms")  # fmt: skip
+        show_inside(inside(model, inverse, given.inside // share), model)
         if given.outside // share:
-            outside(model, inverse, given.outside // share, given.dense // share)
+            show_outside(outside(model, inverse, given.outside // share, given.dense // share))
 
 
 if __name__ == "__main__":

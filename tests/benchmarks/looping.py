@@ -10,7 +10,6 @@ The graph is written out up to N segments a section, 8 unless told.
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 import time
@@ -24,9 +23,12 @@ from softmpc.model.counting import executed
 from softmpc.model.model import build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
+from tests.benchmarks.common import arguments, key
 from tests.benchmarks.instructions import microseconds
 
 COLUMNS = ("", "build s", "code", "executed", "µs", "compile s", "µs")
+FORMATS = (".2f", ",", ",", ".0f", ".1f", ".0f")
+SEGMENTS = (1, 2, 4, 8, 16)
 
 
 def jacobian(segments: int, most_written_out: int) -> tuple[ca.Function, float]:
@@ -38,30 +40,50 @@ def jacobian(segments: int, most_written_out: int) -> tuple[ca.Function, float]:
     return function, time.perf_counter() - began
 
 
-def row(function: ca.Function, built: float, compile_it: bool) -> list[str]:
-    code, work = f"{instructions(function):,}", f"{executed(function):,}"
-    cells = [f"{built:.2f}", code, work, f"{microseconds(function):.0f}"]
-    if not compile_it or compiler() is None:
-        return [*cells, "-", "-"]
+def measured(segments: int, written_out: bool) -> dict[str, float]:
+    """What one function costs, by column; the one in loops is compiled too."""
+    function, built = jacobian(segments, 1000 if written_out else 0)
+    found = {"build_s": built, "code_instructions": instructions(function)}
+    found |= {"executed_instructions": executed(function), "us": microseconds(function)}
+    if written_out or compiler() is None:
+        return found
     with tempfile.TemporaryDirectory() as cache:
         os.environ["SOFTMPC_CACHE"] = cache
         began = time.perf_counter()
         fast = compiled(function, "require")
-        return [*cells, f"{time.perf_counter() - began:.1f}", f"{microseconds(fast):.0f}"]
+        found["compile_s"] = time.perf_counter() - began
+        return found | {"compiled_us": microseconds(fast)}
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Four segments a section in quick mode; else 1 to 16, written out up to 8."""
+    found: dict[str, float] = {}
+    for segments in (4,) if quick else SEGMENTS:
+        kinds = {"written_out": True, "in_loops": False}
+        both = {
+            kind: measured(segments, out) for kind, out in kinds.items() if not out or segments <= 8
+        }
+        for kind, each in both.items():
+            found |= {f"{key(segments, 'segments', kind)}_{what}": v for what, v in each.items()}
+    return found
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--written-out", type=int, default=8, metavar="N")
     largest = parser.parse_args().written_out
     print("segments   " + "".join(f"{name:>12}" for name in COLUMNS))
-    for segments in (1, 2, 4, 8, 16):
-        kinds = [("written out", 1000, False)] if segments <= largest else []
-        for kind, most, compile_it in [*kinds, ("in loops", 0, True)]:
-            cells = row(*jacobian(segments, most), compile_it)
+    for segments in SEGMENTS:
+        for written_out in (True, False) if segments <= largest else (False,):
+            kind = "written out" if written_out else "in loops"
+            cells = line(measured(segments, written_out))
             print(f"2 × {segments:<7d}" + "".join(f"{c:>12}" for c in [kind, *cells]), flush=True)
+
+
+def line(found: dict[str, float]) -> list[str]:
+    """Cells of the table."""
+    each = zip(found.values(), FORMATS, strict=False)
+    return [format(v, how) for v, how in each] + ["-"] * (len(FORMATS) - len(found))
 
 
 if __name__ == "__main__":

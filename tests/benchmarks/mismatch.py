@@ -11,7 +11,6 @@ while it is held, in the direction of the most, and "deadband" the torque that f
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from tests.benchmarks.common import arguments, key
 
 CENTER = [0.12, 0.0, 0.57]
 STIFFER = {"young_modulus": 1.38e6, "shear_modulus": 0.46e6}
@@ -150,10 +151,19 @@ def deadband() -> float:
     return FRICTION * screw_advance(h) / h.efficiency
 
 
+def numbers(quick: bool) -> dict[str, float]:
+    """Two rows at one lap in quick mode; else all rows, as printed."""
+    kept = ("rms_mm", "max_mm", "offset_mm", "hunting_mm", "limits_kept", "failed_steps")
+    found: dict[str, float] = {"deadband_nm": deadband()}
+    for name in list(CASES)[: 2 if quick else None]:
+        one = row(CASES[name], quick)
+        found |= {key(name, what): float(one[what]) for what in kept}
+        found[key(name, "estimate to step time ratio")] = one["estimate_ms"] / one["step_ms"]
+    return found
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--quick", action="store_true", help="one lap")
     parser.add_argument("--only", help="rows with this in their names")
     parser.add_argument("--json", type=Path, help="write the rows to this file")

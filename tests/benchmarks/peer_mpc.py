@@ -19,33 +19,22 @@ step times. `--refine` prints only how collocation and ours meet with more point
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
-import resource
-import subprocess
 import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-for name in THREADS:
-    os.environ.setdefault(name, "1")
+import casadi as ca
+import numpy as np
 
-import casadi as ca  # noqa: E402
-import numpy as np  # noqa: E402
-
-from tests.benchmarks.same_problem import (  # noqa: E402
-    FULL,
-    INTERVALS,
-    STEP,
-    Ours,
-    Problem,
-    Theirs,
-    make,
-)
+from softmpc.accuracy.timing import memory_mib
+from softmpc.compiler import compiler
+from tests.benchmarks.common import answer_of, arguments, key, need_or_exit, need_package
+from tests.benchmarks.same_problem import FULL, INTERVALS, STEP, Ours, Problem, Theirs, make
 
 AT = 40  # the loop's steps from AT on are timed; the first of them is left out
 SAME = 0.01  # largest relative difference of costs
@@ -61,6 +50,8 @@ ROWS = {
     "softmpc, SQP, compiled": ("sqp", "require", 41),
     "softmpc, RTI, compiled": ("real-time", "require", 41),
 }
+QUICK = ("do-mpc, our step, tuned", "softmpc, RTI", "softmpc, SQP, compiled",
+         "softmpc, RTI, compiled")  # fmt: skip
 Answer = dict[str, Any]
 
 
@@ -113,7 +104,13 @@ def one(kind: str, steps: list[Any], singles: dict[str, Any]) -> Answer:
         inputs.append(controller.step(*state).tolist())
         ms.append(1e3 * (time.perf_counter() - began))
         cpu.append(1e3 * (time.process_time() - worked))
-    answer = {"build": build, "ms": ms[1:], "cpu": cpu[1:], "inputs": inputs, "peak": megabytes()}
+    answer = {
+        "build": build,
+        "ms": ms[1:],
+        "cpu": cpu[1:],
+        "inputs": inputs,
+        "peak": memory_mib() or np.nan,
+    }
     if kind != "real-time":
         answer["costs"] = {
             name: controller.cost(np.array(x), np.array(u), now)
@@ -122,24 +119,58 @@ def one(kind: str, steps: list[Any], singles: dict[str, Any]) -> Answer:
     return answer
 
 
-def megabytes() -> float:
-    """Largest memory of this process until now."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
-
-
 def measured(kind: str, mode: str, steps: list[Any], singles: dict[str, Any]) -> Answer:
     """The answer of a process of its own, which finds nothing compiled before."""
     with tempfile.TemporaryDirectory() as cache:
-        variables = {**os.environ, **dict.fromkeys(THREADS, "1")}
-        variables |= {"SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache, "PYTHONWARNINGS": "ignore"}
-        call = json.dumps({"kind": kind, "steps": steps, "singles": singles})
-        command = [sys.executable, "-m", "tests.benchmarks.peer_mpc", "--one"]
-        done = subprocess.run(command, input=call, capture_output=True, text=True, env=variables)
-    if done.returncode:
-        sys.exit(f"{kind} failed:\n{done.stderr}")
-    answer: Answer = json.loads(done.stdout.splitlines()[-1])
-    return answer
+        variables = {"SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache}
+        call = {"kind": kind, "steps": steps, "singles": singles}
+        return dict(answer_of("tests.benchmarks.peer_mpc", "--one", call=call, variables=variables))
+
+
+def rows_of(names: Sequence[str]) -> tuple[dict[str, Answer], dict[str, Any]]:
+    """What each row found, and the single states; compiled ones only with a compiler."""
+    os.environ["SOFTMPC_COMPILE"] = "never"  # in this process, where nothing is timed
+    warnings.simplefilter("ignore", FutureWarning)  # of CasADi, on how do-mpc uses NumPy
+    problem = Problem()
+    longest = max(ROWS[name][2] for name in names)
+    moving = loop(problem, max(AT + longest, 81))  # `single` takes the state at 80, too
+    singles, found = single(problem, moving), {}
+    for name in names:
+        kind, mode, steps = ROWS[name]
+        if mode == "never" or compiler() is not None:
+            print(f"measuring {name}", file=sys.stderr, flush=True)
+            found[name] = measured(kind, mode, moving[AT : AT + steps], singles)
+        else:
+            print(f"{name}: left out, no C compiler", file=sys.stderr)
+    return found, singles
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Step times, and those of do-mpc over ours; without the slow rows in quick mode."""
+    need_package("do_mpc", "do-mpc")
+    rows, _ = rows_of(QUICK if quick else list(ROWS))
+    peers = [name for name in rows if name.startswith("do-mpc")]
+    found: dict[str, float] = {}
+    for name, row in rows.items():
+        found[key(name, "step_cpu_ms_median")] = float(np.median(row["cpu"]))
+        found[key(name, "build_s")] = row["build"]
+        found[key(name, "input off share")] = off(row, rows)
+        for peer in peers if name not in peers else ():
+            theirs, ours = (np.median(rows[which]["cpu"]) for which in (peer, name))
+            found[key(name, "time ratio", peer, "to ours")] = float(theirs / ours)
+    best = rows["softmpc, SQP, compiled" if "softmpc, SQP, compiled" in rows else "softmpc, SQP"]
+    for peer in peers:
+        apart = [abs(rows[peer]["costs"][name] / cost - 1) for name, cost in best["costs"].items()]
+        found[key(peer, "cost apart share")] = max(apart)
+    return found
+
+
+def off(row: Answer, rows: dict[str, Answer]) -> float:
+    """Largest difference of an input from that of SQP, a share of full torque."""
+    optimum = next(np.array(one["inputs"]) for name, one in rows.items() if "SQP" in name)
+    inputs = np.array(row["inputs"])
+    count = min(len(inputs), len(optimum))
+    return float(np.abs(inputs[:count] - optimum[:count]).max() / FULL)
 
 
 # --- what is printed -----------------------------------------------------------------------------
@@ -163,15 +194,12 @@ def same_problem(found: dict[str, Answer], exact: dict[str, float]) -> bool:
 
 
 def times(found: dict[str, Answer]) -> None:
-    optimum = np.array(found["softmpc, SQP"]["inputs"])
     print("\nStep times (medians), largest difference of the input from that of SQP (% of full "
           f"torque), time to build, memory\n{'':24}  steps    wall ms     CPU ms  input %  "
           "build s  peak MB")  # fmt: skip
     for name, row in found.items():
-        inputs = np.array(row["inputs"])
-        off = 100 * np.abs(inputs - optimum[: len(inputs)]).max() / FULL
         print(f"{name:24}  {len(row['ms']):5d}  {np.median(row['ms']):9.2f}  "
-              f"{np.median(row['cpu']):9.2f}  {off:7.4f}  {row['build']:7.1f}  "
+              f"{np.median(row['cpu']):9.2f}  {100 * off(row, found):7.4f}  {row['build']:7.1f}  "
               f"{row['peak']:7.0f}")  # fmt: skip
     theirs, ours = list(ROWS)[:3], [name for name in found if name.startswith("softmpc")]
     print("\nRatio of step times, wall (CPU)\n" + " " * 24
@@ -187,6 +215,8 @@ def times(found: dict[str, Answer]) -> None:
 
 def refine() -> None:
     """A state that two points do not resolve, with more points."""
+    os.environ["SOFTMPC_COMPILE"] = "never"
+    warnings.simplefilter("ignore", FutureWarning)
     first = Problem()
     x, u, now = first.start.x.copy(), first.start.u, 0.0
     x[: first.model.strains] += 0.01 * first.t.x_scale[: first.model.strains]
@@ -201,20 +231,14 @@ def refine() -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--refine", action="store_true", help="only more points an interval")
     parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.one:
         print(json.dumps(one(**json.load(sys.stdin))))
         return
-    if importlib.util.find_spec("do_mpc") is None:
-        print("do-mpc is not installed: pip install do-mpc", file=sys.stderr)
-        sys.exit(2)
-    os.environ["SOFTMPC_COMPILE"] = "never"  # in this process, where nothing is timed
-    warnings.simplefilter("ignore", FutureWarning)  # of CasADi, on how do-mpc uses NumPy
+    need_or_exit("do_mpc", "do-mpc")
     if given.refine:
         refine()
         return
@@ -225,21 +249,10 @@ def report() -> bool:
     """Measure and print; whether both solve the same problem."""
     from importlib.metadata import version
 
-    from softmpc.compiler import compiler
-
     print(f"do-mpc {version('do-mpc')}, CasADi {version('casadi')}, IPOPT with MUMPS; one thread, "
           f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; N = {INTERVALS}, "
           f"{1e3 * STEP:g} ms")  # fmt: skip
-    problem = Problem()
-    longest = max(steps for _, _, steps in ROWS.values())
-    moving = loop(problem, AT + longest)
-    singles, found = single(problem, moving), {}
-    for name, (kind, mode, steps) in ROWS.items():
-        if mode == "never" or compiler() is not None:
-            print(f"measuring {name}", file=sys.stderr, flush=True)
-            found[name] = measured(kind, mode, moving[AT : AT + steps], singles)
-        else:
-            print(f"{name}: left out, no C compiler", file=sys.stderr)
+    found, singles = rows_of(list(ROWS))
     fine = Ours(Problem(stages=EXACT), "sqp")
     exact = {name: fine.cost(np.array(x), np.array(u), t) for name, (x, u, t) in singles.items()}
     same = same_problem(found, exact)

@@ -9,7 +9,6 @@ acts, "step" is all from readings to an input.
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
@@ -20,21 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.compiler import compiler
+from tests.benchmarks.common import EXAMPLES, LeftOut, arguments, key
+
 PARTS = ("pilot", "controller", "estimator")
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="examples/figure_eight_rig.toml")
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each run")
-    parser.add_argument("--json", type=Path, help="where to write the numbers")
-    given = parser.parse_args()
-    found = measured(Path(given.scene), given.seconds)
-    for line in _lines(found):
-        print(line)
-    if given.json:
-        given.json.write_text(json.dumps(found, indent=2))
-    return 0
 
 
 def measured(path: Path, seconds: float) -> dict[str, Any]:
@@ -80,6 +68,35 @@ def memory(pilot: Any) -> dict[str, int]:
         f"{part}_bytes": int(getattr(library, f"smpc_{name}")())
         for part, name in zip(PARTS, names, strict=True)
     }
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """One second of the figure eight in quick mode, else 4 s; Python's times over those in C."""
+    if compiler() is None:
+        raise LeftOut("needs a C compiler")
+    rows = measured(EXAMPLES / "figure_eight_rig.toml", 1.0 if quick else 4.0)
+    window, python = rows.pop("window"), rows["Python"]
+    found = {key("readings may be late", "ms"): window["memory"]}
+    for name, row in rows.items():
+        found |= {key(name, what): value for what, value in row.items()}
+        if name != "Python":
+            for what in ("estimate_ms", "step_ms"):
+                found[key(name, what[:-3], "time ratio python to c")] = python[what] / row[what]
+    return found
+
+
+def main() -> int:
+    parser = arguments(__doc__)
+    parser.add_argument("--scene", default="examples/figure_eight_rig.toml")
+    parser.add_argument("--seconds", type=float, default=4.0, help="of each run")
+    parser.add_argument("--json", type=Path, help="where to write the numbers")
+    given = parser.parse_args()
+    found = measured(Path(given.scene), given.seconds)
+    for line in _lines(found):
+        print(line)
+    if given.json:
+        given.json.write_text(json.dumps(found, indent=2))
+    return 0
 
 
 def _lines(found: dict[str, Any]) -> list[str]:

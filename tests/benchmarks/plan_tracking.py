@@ -26,7 +26,6 @@ with.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from dataclasses import dataclass
@@ -35,6 +34,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+
+from tests.benchmarks.common import arguments, key
 
 STIFFER = {"young_modulus": 1.38e6, "shear_modulus": 0.46e6}
 PLANT: dict[str, Any] = {"model": {"segments": 3}, "manipulator": STIFFER}
@@ -77,6 +78,7 @@ FOLLOWED: dict[str, dict[str, Any]] = {
     "rig, 10 ms, with": {"controller": FAST, "rig": RIG},
     "stiffer, open loop": CASES["stiffer, open loop"],
 }
+QUICK = ("stiffer, open loop", "stiffer, without", "stiffer, with")
 TITLES = "   RMS     max  at the end  hold mean  held RMS  variation  failed"
 
 
@@ -221,10 +223,26 @@ def follow(
     return rows
 
 
+def numbers(quick: bool) -> dict[str, float]:
+    """The smooth line and three rows on the stiffer plant (quick), or the planner's plans."""
+    from softmpc.model.scene_file import scene_from_dict
+
+    if quick:
+        with TemporaryDirectory() as folder:
+            plan = make_plan(Path(folder), scene_from_dict(SCENE))
+            rows = {name: row(CASES[name], plan, SCENE) for name in QUICK}
+    else:
+        rows = follow_all(SCENE, "")
+    return {
+        key(name, what): value
+        for name, each in rows.items()
+        for what, value in each.items()
+        if what != "status"
+    }
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = arguments(__doc__)
     parser.add_argument("--smooth", action="store_true", help="a smooth line, in 0.6 s")
     parser.add_argument("--least", choices=("time", "effort", "jerk"), help="a plan of the planner")
     parser.add_argument("--plan", type=Path, help="a plan.npz")

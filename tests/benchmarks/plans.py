@@ -12,7 +12,6 @@ pressures and strokes. The interrupted benchmark goes on from what `--keep` has.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections import Counter
 from dataclasses import dataclass
@@ -21,6 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from tests.benchmarks.common import arguments
 
 APART, ROOM = 0.08, 8e-3  # m: between tips, and of both postures to obstacles
 GOOD = 1e-3  # m
@@ -127,23 +128,43 @@ def _good(data: dict[str, Any]) -> bool:
     return bool(arrives and clear and within)
 
 
+def solved(seeds: range, workers: int, keep: Path | None = None) -> list[dict[str, Any]]:
+    """The problems of some seeds."""
+    from tqdm import tqdm
+
+    from softmpc.sweeps import sweep
+
+    with tqdm(total=len(seeds), unit="problem") as bar:
+        return sweep(
+            Problem(), seeds, executor=workers, chunk=1, keep=keep,
+            progress=lambda done, _: bar.update(done - bar.n),
+        )  # fmt: skip
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Two problems in quick mode, else 50: how many plans are good, how long planning takes."""
+    found = solved(range(2 if quick else 50), 2)
+    seconds = [one["seconds"] for one in found]
+    defects = [one["defect_mm"] for one in found if one["defect_mm"] is not None]
+    return {
+        "problems_count": len(found),
+        "good_count": sum(one["good"] for one in found),
+        "planning_s_median": float(np.median(seconds)),
+        "planning_s_most": max(seconds),
+        "defect_mm_most": max(defects, default=0.0),
+        "motion_s_mean": float(np.mean([one["time_s"] for one in found if one["time_s"]])),
+    }
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__)
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
-    from tqdm import tqdm
-
-    from softmpc.sweeps import sweep
-
-    with tqdm(total=given.runs, unit="problem") as bar:
-        found = sweep(
-            Problem(), range(given.first, given.first + given.runs), executor=given.workers,
-            chunk=1, keep=given.keep, progress=lambda done, _: bar.update(done - bar.n),
-        )  # fmt: skip
+    found = solved(range(given.first, given.first + given.runs), given.workers, given.keep)
     if given.json:
         given.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
     print(_table(found))

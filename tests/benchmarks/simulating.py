@@ -13,14 +13,14 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
-from functools import partial
-from pathlib import Path
+from collections.abc import Callable
+from functools import partial, wraps
 from typing import Any
 
 import numpy as np
 
-from softmpc import StaticDrive, load_scene
+from softmpc import Scene, StaticDrive, load_scene
+from softmpc.compiler import compiler
 from softmpc.model.counting import executed
 from softmpc.model.drive_effects import ChamberCoupling
 from softmpc.model.model import Model, build
@@ -30,19 +30,27 @@ from softmpc.simulation.inputs import InputProfile
 from softmpc.simulation.run import simulate, start_state
 from softmpc.simulation.runge_kutta import RadauIIA
 from softmpc.simulation.settings import read_settings
+from tests.benchmarks.common import EXAMPLES, key, median_seconds, seconds_of
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENES = ("step_fig12", "ramp_fig8", "ramp_fig14")
 RUNS = 5
+# SOFTMPC_COMPILE -> what its speed is called.
+MODES = {"never": "times_real_time_ratio", "require": "compiled_times_real_time_ratio"}
+STARTS = {"virtual machine": "never", "compiling": "require", "compiled before": "require"}
 
 
-def median_time(work: Any) -> float:
-    times = []
-    for _ in range(RUNS):
-        began = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - began)
-    return statistics.median(times)
+def uncompiled(work: Callable[..., Any]) -> Callable[..., Any]:
+    """The same work in CasADi's virtual machine."""
+
+    @wraps(work)
+    def run(*given: Any) -> Any:
+        os.environ["SOFTMPC_COMPILE"] = "never"
+        try:
+            return work(*given)
+        finally:
+            os.environ.pop("SOFTMPC_COMPILE")
+
+    return run
 
 
 def motion_of(name: str, segments: int) -> tuple[Model, Any]:
@@ -51,38 +59,31 @@ def motion_of(name: str, segments: int) -> tuple[Model, Any]:
     return model, read_settings(read_document(path), model, path.parent)
 
 
-def speed_table(segments: list[int]) -> None:
-    print("segments  scene        set up  virtual machine   compiled          error")
-    print("a section              s       × real time       × real time       mm")
-    for count in segments:
-        for name in SCENES:
-            model, settings = motion_of(name, count)
-            profile, duration = settings.profile, settings.duration
-            reference = simulate(model, profile, duration, method="idas", tolerance=1e-10)
-            row = []
-            for mode in ("never", "require"):
-                os.environ["SOFTMPC_COMPILE"] = mode
-                runs = [simulate(model, profile, duration) for _ in range(RUNS)]
-                row.append(duration / statistics.median(run.wall_s for run in runs))
-                error = np.linalg.norm(runs[0].tips - reference.tips, axis=2).max()
-                setup = runs[-1].setup_s
-            print(
-                f"{count:9d}  {name:11}  {setup:6.2f}  {row[0]:15.0f}   {row[1]:15.0f}   "
-                f"{1e3 * error:.4f}",
-                flush=True,
-            )
+def speed(name: str, segments: int) -> dict[str, float]:
+    """One motion: seconds to set up, times real time by how it is run, error (mm)."""
+    model, settings = motion_of(name, segments)
+    profile, duration = settings.profile, settings.duration
+    reference = simulate(model, profile, duration, method="idas", tolerance=1e-10)
+    found: dict[str, float] = {}
+    for mode in MODES if compiler() else ("never",):
+        os.environ["SOFTMPC_COMPILE"] = mode
+        runs = [simulate(model, profile, duration) for _ in range(RUNS)]
+        found[MODES[mode]] = duration / statistics.median(run.wall_s for run in runs)
+        error = np.linalg.norm(runs[0].tips - reference.tips, axis=2).max()
+        found |= {"set_up_s": runs[-1].setup_s, "error_mm": 1e3 * float(error)}
     os.environ.pop("SOFTMPC_COMPILE")
+    return found
 
 
-def scene_table() -> None:
-    """One implicit step of scenes that have less, and a run under CVODES, drive included."""
+def scenes() -> dict[str, Scene]:
+    """Scenes that have less or more than the ramp of Fig. 14."""
     whole = load_scene(EXAMPLES / "ramp_fig14.toml")
     still = tuple(
         e for e in whole.effects if e.name not in ("inertia", "coriolis", "rotary_inertia")
     )
     flat = tuple(e for e in whole.effects if e.name != "rotary_inertia")
     plane = ("epsilon", "kappa_y")
-    scenes = {
+    return {
         "as given": whole,
         "no hydraulics (static drive)": whole.with_(actuation=StaticDrive()),
         "planar": whole.with_(strains=plane, effects=flat),
@@ -92,66 +93,117 @@ def scene_table() -> None:
         ),
         "with chamber_coupling": whole.with_(effects=(*whole.effects, ChamberCoupling())),
     }
-    print("\nscene                               states  one step        CVODES, 1 s of ramp")
-    print("                                            µs     factor   s       factor")
-    os.environ["SOFTMPC_COMPILE"] = "never"
-    first: list[float] = []
-    for name, scene in scenes.items():
-        model = build(scene)
-        rest, end = start_state(model, InputProfile.of(6)), np.array([0.4, 0, 0, 0, 0, 0])
-        method = RadauIIA(model, step=0.01)
-        step = 1e6 * median_time(partial(method.advance, rest, 0 * end, 0.5, 1, end)) / 50
-        run = float("nan")
-        if model.order == 2:
-            cvodes = Cvodes(model, 1e-6)
-            run = median_time(partial(cvodes.advance, rest, 0 * end, 1.0, 1, 2 * end))
-        first = first or [step, run]
-        states = len(model.layout.x) if model.order == 2 else len(model.layout.q + model.layout.z)
-        print(
-            f"{name:35} {states:6d}  {step:5.0f}  {step / first[0]:6.2f}   {run:.4f}  "
-            f"{run / first[1]:6.3f}",
-            flush=True,
-        )
-    os.environ.pop("SOFTMPC_COMPILE")
+
+
+@uncompiled
+def step_of(scene: Scene) -> tuple[int, float, float]:
+    """States; one implicit step (µs); 1 s of ramp under CVODES, drive included (s)."""
+    model = build(scene)
+    rest, end = start_state(model, InputProfile.of(6)), np.array([0.4, 0, 0, 0, 0, 0])
+    method = RadauIIA(model, step=0.01)
+    step = median_seconds(partial(method.advance, rest, 0 * end, 0.5, 1, end), RUNS)
+    run = float("nan")
+    if model.order == 2:
+        cvodes = Cvodes(model, 1e-6)
+        run = median_seconds(partial(cvodes.advance, rest, 0 * end, 1.0, 1, 2 * end), RUNS)
+    states = len(model.layout.x) if model.order == 2 else len(model.layout.q + model.layout.z)
+    return states, 1e6 * step / 50, run
+
+
+@uncompiled
+def growth(segments: int) -> dict[str, float]:
+    """Counts, and one implicit step in CasADi's virtual machine (µs)."""
+    model, settings = motion_of("ramp_fig14", segments)
+    rest = start_state(model, settings.profile)
+    method = RadauIIA(model, step=0.01)
+    ramp = partial(method.advance, rest, settings.profile(2.0), 0.5, 1, settings.profile(2.5))
+    ramp()
+    return {
+        "residual_instructions": executed(model.residual),
+        "jacobian_instructions": executed(model.residual_jacobian),
+        "implicit_step_us": 1e6 * median_seconds(ramp, RUNS) / 50,
+    }
+
+
+def start_to_result() -> dict[str, float]:
+    """Seconds from the start of the process to the result of step_fig12 (10 s of motion)."""
+    command = [sys.executable, "-m", "softmpc.cli", "simulate", str(EXAMPLES / "step_fig12.toml")]
+    found: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as cache:
+        for name, mode in STARTS.items() if compiler() else [*STARTS.items()][:1]:
+            variables = {**os.environ, "SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache}
+            run = partial(subprocess.run, command, check=True, capture_output=True, env=variables)
+            found[name] = seconds_of(run)
+    return found
+
+
+# ---------------------------------------------------------------- what is told
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Speed at one segment (quick) or 1 to 8, growth with them, scenes, start to result."""
+    found: dict[str, float] = {}
+    for count in (1,) if quick else (1, 2, 4, 8):
+        for name in SCENES:
+            for what, value in speed(name, count).items():
+                found[key(name, count, "segments", what)] = value
+    for count in (1, 2, 4) if quick else (1, 2, 4, 8):
+        found |= {key(count, "segments", what): v for what, v in growth(count).items()}
+    steps = {name: step_of(scene)[1] for name, scene in scenes().items()}
+    whole = steps.pop("as given")
+    found |= {key("step_time_ratio", name): us / whole for name, us in steps.items()}
+    return found | {key("start to result", name, "s"): s for name, s in start_to_result().items()}
+
+
+def speed_table(segments: list[int]) -> None:
+    print("segments  scene        set up  virtual machine   compiled          error")
+    print("a section              s       × real time       × real time       mm")
+    for count in segments:
+        for name in SCENES:
+            found = speed(name, count)
+            fast = found.get(MODES["require"], np.nan)
+            print(
+                f"{count:9d}  {name:11}  {found['set_up_s']:6.2f}  {found[MODES['never']]:15.0f}   "
+                f"{fast:15.0f}   {found['error_mm']:.4f}",
+                flush=True,
+            )
 
 
 def growth_table(segments: list[int]) -> None:
     print("\nsegments   residual      Jacobian      one step (virtual machine)")
     print("a section  instructions  instructions  µs   against the row above")
-    os.environ["SOFTMPC_COMPILE"] = "never"
     before = None
     for count in segments:
-        model, settings = motion_of("ramp_fig14", count)
-        rest = start_state(model, settings.profile)
-        method = RadauIIA(model, step=0.01)
-        ramp = partial(method.advance, rest, settings.profile(2.0), 0.5, 1, settings.profile(2.5))
-        ramp()
-        each = 1e6 * median_time(ramp) / 50
-        growth = "" if before is None else f"{each / before:.2f}"
-        counts = (executed(model.residual), executed(model.residual_jacobian))
-        print(f"{count:9d}  {counts[0]:12,d}  {counts[1]:12,d}  {each:6.0f}  {growth}", flush=True)
+        *counts, each = growth(count).values()
+        told = "" if before is None else f"{each / before:.2f}"
+        print(f"{count:9d}  {counts[0]:12,d}  {counts[1]:12,d}  {each:6.0f}  {told}", flush=True)
         before = each
-    os.environ.pop("SOFTMPC_COMPILE")
 
 
-def start_to_result() -> None:
-    command = [sys.executable, "-m", "softmpc.cli", "simulate", str(EXAMPLES / "step_fig12.toml")]
+def scene_table() -> None:
+    """One implicit step of scenes that have less, and a run under CVODES, drive included."""
+    print("\nscene                               states  one step        CVODES, 1 s of ramp")
+    print("                                            µs     factor   s       factor")
+    first: list[float] = []
+    for name, scene in scenes().items():
+        states, step, run = step_of(scene)
+        first = first or [step, run]
+        print(
+            f"{name:35} {states:6d}  {step:5.0f}  {step / first[0]:6.2f}   {run:.4f}  "
+            f"{run / first[1]:6.3f}",
+            flush=True,
+        )
+
+
+def main(segments: list[int]) -> None:
+    """Print the tables."""
+    speed_table(segments)
+    growth_table(segments)
+    scene_table()
     print("\nfrom the start of the process to the result, step_fig12 (10 s of motion)")
-    with tempfile.TemporaryDirectory() as cache:
-        for mode in ("never", "require", "require"):
-            variables = {**os.environ, "SOFTMPC_COMPILE": mode, "SOFTMPC_CACHE": cache}
-            before = ", compiled before" if any(Path(cache).iterdir()) else ""
-            began = time.perf_counter()
-            subprocess.run(command, check=True, capture_output=True, env=variables)
-            print(
-                f"  SOFTMPC_COMPILE={mode:8} {time.perf_counter() - began:6.2f} s{before}",
-                flush=True,
-            )
+    for name, seconds in start_to_result().items():
+        print(f"  {name:22} {seconds:6.2f} s", flush=True)
 
 
 if __name__ == "__main__":
-    chosen = [int(word) for word in sys.argv[1:]] or [1, 2, 4, 8]
-    speed_table(chosen)
-    growth_table(chosen)
-    scene_table()
-    start_to_result()
+    main([int(word) for word in sys.argv[1:]] or [1, 2, 4, 8])

@@ -10,6 +10,7 @@ estimate is without its factor `MEASURED`, which comes from the last column.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from softmpc.control.response import Response
 from softmpc.control.tracking import set_up
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
+from tests.benchmarks.common import key
 from tests.benchmarks.tracking import task_of
 
 CENTER = (0.12, 0.0, 0.57)
@@ -26,8 +28,8 @@ PATHS = {"circle": Circle(CENTER, 0.12), "eight": FigureEight(CENTER, 0.08, 0.04
 LAPS = (1.5, 0.6, 0.4, 0.3, 0.25, 0.2)  # s
 
 
-def row(name: str, lap: float) -> str:
-    """One path at one speed."""
+def measured(name: str, lap: float) -> dict[str, Any]:
+    """One path at one speed: the estimate and what came (mm), torques (N·m), what was named."""
     reference = Reference(PATHS[name], TimeLaw(lap, 3.0 / lap))
     setup = set_up(Scene(chen2022()), replace(task_of("circle"), reference=reference))
     rest = setup.preflight.rest
@@ -36,12 +38,39 @@ def row(name: str, lap: float) -> str:
     estimate = 1e3 * float(np.sqrt(np.mean(fast.off**2))) / MEASURED
     result = setup.run(setup.controller)
     error = 1e3 * result.error[result.time >= result.settle]
-    rms, at_limit = np.sqrt(np.mean(error**2)), np.mean((result.u < 1e-6) | (result.u > 2.5 - 1e-6))
-    kinds = ", ".join(sorted({one.kind for one in setup.preflight.findings})) or "-"
+    rms = float(np.sqrt(np.mean(error**2)))
+    return {
+        "estimate_mm": estimate,
+        "rms_mm": rms,
+        "max_mm": float(error.max()),
+        "at_limit_share": float(np.mean((result.u < 1e-6) | (result.u > 2.5 - 1e-6))),
+        "least_torque_nm": float(fast.u.min()),
+        "most_torque_nm": float(fast.u.max()),
+        "failed_count": result.failures,
+        "rms_over_estimate": rms / estimate,
+        "named": ", ".join(sorted({one.kind for one in setup.preflight.findings})) or "-",
+    }
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """The circle at 0.4 s a lap in quick mode; else both paths at all speeds."""
+    cases = [("circle", 0.4)] if quick else [(name, lap) for name in PATHS for lap in LAPS]
+    return {
+        key(name, f"{1e3 * lap:.0f}", "ms a lap", what): value
+        for name, lap in cases
+        for what, value in measured(name, lap).items()
+        if what != "named"
+    }
+
+
+def row(name: str, lap: float) -> str:
+    """One line of the table."""
+    found = measured(name, lap)
     return (
-        f"{name:7} {lap:5.2f} {estimate:10.3f} {rms:8.3f} {error.max():8.3f} "
-        f"{100 * at_limit:9.1f} {fast.u.min():8.2f} {fast.u.max():6.2f} {result.failures:7d}  "
-        f"{rms / estimate:8.1f}  {kinds}"
+        f"{name:7} {lap:5.2f} {found['estimate_mm']:10.3f} {found['rms_mm']:8.3f} "
+        f"{found['max_mm']:8.3f} {100 * found['at_limit_share']:9.1f} "
+        f"{found['least_torque_nm']:8.2f} {found['most_torque_nm']:6.2f} "
+        f"{found['failed_count']:7d}  {found['rms_over_estimate']:8.1f}  {found['named']}"
     )
 
 

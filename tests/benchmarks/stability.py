@@ -9,7 +9,6 @@ At rest means: tip within 0.1 mm of the target and slower than 1 mm/s for a quar
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,6 +27,7 @@ from softmpc.model.scene import Scene
 from softmpc.simulation.runge_kutta import RadauIIA
 from softmpc.statics.equilibrium import find_equilibrium, pressures_from_torques
 from softmpc.sweeps import sweep
+from tests.benchmarks.common import arguments, key
 
 TARGET = np.array([0.9, 0.5, 0.7, 0.8, 0.6, 0.4])  # N·m that hold the target
 STEP = 0.025  # s
@@ -120,25 +120,52 @@ class Bench:
         return {"rested": NEVER, "error": float(error), "failed": failed}
 
 
-def row(bench: Bench, horizon: int, terminal: bool, starts: int, processes: int) -> None:
+def measured(
+    bench: Bench, horizon: int, terminal: bool, starts: int, processes: int
+) -> tuple[dict[str, float], list[int]]:
+    """What came of all starts, and those that did not come to rest."""
     began = time.perf_counter()
     cases = [Case(i, horizon, terminal) for i in range(starts)]
     found = sweep(bench, cases, executor=processes)
     took = [one["rested"] for one in found if one["rested"] != NEVER]
+    lost = [case.number for case, one in zip(cases, found, strict=True) if one["rested"] == NEVER]
+    return {
+        "at_rest_count": len(took),
+        "rested_after_s_median": float(np.median(took)) if took else np.nan,
+        "rested_after_s_last": max(took, default=np.nan),
+        "worst_error_mm": 1e3 * max(one["error"] for one in found),
+        "not_solved_count": sum(one["failed"] for one in found),
+        "took_s": time.perf_counter() - began,
+    }, lost
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Ten starts and horizons of 5 and 20 in quick mode; else 200 and 5, 10, 20."""
+    bench, starts = Bench(), 10 if quick else 200
+    found: dict[str, float] = {"starts_count": starts}
+    for horizon in (5, 20) if quick else (5, 10, 20):
+        for terminal in (False, True):
+            each, _ = measured(bench, horizon, terminal, starts, 1)
+            where = key(f"{horizon}_intervals", "terminal" if terminal else "")
+            found |= {f"{where}_{what}": v for what, v in each.items() if np.isfinite(v)}
+    return found
+
+
+def row(bench: Bench, horizon: int, terminal: bool, starts: int, processes: int) -> None:
+    found, lost = measured(bench, horizon, terminal, starts, processes)
     print(
-        f"{horizon:4d}  {'Riccati' if terminal else 'none':13s} {len(took):8d}"
-        f"  {np.median(took) if took else np.nan:8.2f}  {max(took, default=np.nan):6.2f}"
-        f"  {1e3 * max(one['error'] for one in found):14.3f}"
-        f"  {sum(one['failed'] for one in found):16.0f} {time.perf_counter() - began:8.0f}",
+        f"{horizon:4d}  {'Riccati' if terminal else 'none':13s} {found['at_rest_count']:8d}"
+        f"  {found['rested_after_s_median']:8.2f}  {found['rested_after_s_last']:6.2f}"
+        f"  {found['worst_error_mm']:14.3f}"
+        f"  {found['not_solved_count']:16.0f} {found['took_s']:8.0f}",
         flush=True,
     )
-    lost = [case.number for case, one in zip(cases, found, strict=True) if one["rested"] == NEVER]
     if lost:
         print(f"      not at rest after {LONGEST:g} s: starts {lost}")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--starts", type=int, default=200)
     parser.add_argument("--horizons", type=int, nargs="+", default=[5, 10, 20])
     parser.add_argument("--processes", type=int, default=1)

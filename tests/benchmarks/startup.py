@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
-from statistics import median
-from time import perf_counter
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.benchmarks.common import ROOT, key, median_seconds
+
 HELP = "import sys; sys.argv = ['softmpc', '--help']; from softmpc.cli.main import main; main()"
 # What runs, its code, and what it may take in seconds.
 CASES: tuple[tuple[str, str, float | None], ...] = (
@@ -20,22 +18,36 @@ CASES: tuple[tuple[str, str, float | None], ...] = (
 
 def seconds(code: str, runs: int) -> float:
     """Median wall time of a fresh interpreter that runs `code`; one more run warms the caches."""
-    times = []
-    for _ in range(runs + 1):
-        start = perf_counter()
-        subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True)
-        times.append(perf_counter() - start)
-    return median(times[1:])
+    command = [sys.executable, "-c", code]
+
+    def run() -> None:
+        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+
+    run()
+    return median_seconds(run, runs)
+
+
+def measured(runs: int) -> dict[str, float]:
+    """Seconds of each case."""
+    return {name: seconds(code, runs) for name, code, _ in CASES}
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Seconds, and ratios to an interpreter that does nothing."""
+    found = measured(5 if quick else 11)
+    bare = found[CASES[0][0]]
+    return {f"{key(name)}_s": took for name, took in found.items()} | {
+        f"{key(name)}_ratio_to_bare": took / bare for name, took in list(found.items())[1:]
+    }
 
 
 def main(runs: int) -> None:
     """Print the table."""
     print(f"median of {runs} runs\n")
     print(f"{'':16} {'seconds':>8} {'ratio':>6}  target")
-    bare = None
-    for name, code, target in CASES:
-        took = seconds(code, runs)
-        bare = took if bare is None else bare
+    found = measured(runs)
+    for name, _, target in CASES:
+        took, bare = found[name], found[CASES[0][0]]
         verdict = "" if target is None else f"{target} s: {'met' if took < target else 'MISSED'}"
         print(f"{name:16} {took:8.3f} {took / bare:6.1f}  {verdict}".rstrip())
 

@@ -58,31 +58,58 @@ def run(name: str) -> TrackResult:
     return setup.run(setup.controller)
 
 
-def line(name: str, result: TrackResult) -> str:
-    """One line of the table."""
+def measured(result: TrackResult) -> dict[str, float]:
+    """Errors and distances (mm), torques (N·m), times of a step (ms)."""
     off = 1e3 * result.reachable_error[result.counted]
     far = 0.0 if result.out_of_reach is None else 1e3 * float(result.out_of_reach.max())
-    torques = f"{result.u.min():.3f} to {result.u.max():.3f}"
-    took = np.percentile(result.step_ms, (50, 95, 100))
+    took = dict(zip(("50", "95", "100"), np.percentile(result.step_ms, (50, 95, 100)), strict=True))
+    return {
+        "rms_mm": float(np.sqrt(np.mean(off**2))),
+        "max_mm": float(off.max()),
+        "out_of_reach_mm": far,
+        "least_torque_nm": float(result.u.min()),
+        "most_torque_nm": float(result.u.max()),
+        "variation_nm": result.variation,
+        "variation_at_rest_nm": result.rest_variation or 0.0,
+        "failed_count": result.failures,
+        **{f"step_ms_{share}": float(ms) for share, ms in took.items()},
+    }
+
+
+def line(name: str, result: TrackResult) -> str:
+    """One line of the table."""
+    found = measured(result)
+    torques = f"{found['least_torque_nm']:.3f} to {found['most_torque_nm']:.3f}"
+    took = " ".join(f"{found[f'step_ms_{share}']:.1f}" for share in (50, 95, 100))
     return (
-        f"{name:<10} {np.sqrt(np.mean(off**2)):9.4f} {off.max():9.4f} {far:18.1f}  {torques:<15}"
-        f" {result.variation:9.2f} {result.rest_variation or 0.0:8.2f}  "
-        f"{took[0]:.1f} {took[1]:.1f} {took[2]:.1f} ms, {result.failures} failed, "
+        f"{name:<10} {found['rms_mm']:9.4f} {found['max_mm']:9.4f} "
+        f"{found['out_of_reach_mm']:18.1f}  {torques:<15}"
+        f" {found['variation_nm']:9.2f} {found['variation_at_rest_nm']:8.2f}  "
+        f"{took} ms, {found['failed_count']} failed, "
         f"jumps {np.round(() if result.jumps is None else result.jumps, 2).tolist()}"
     )
 
 
-def against_converged() -> str:
-    """Real-time iteration over IPOPT to convergence: cost of 160 steps of the figure eight."""
+def numbers(quick: bool) -> dict[str, float]:
+    """Figure eight, fast circle and edge in quick mode; else all paths, and beside convergence."""
+    found = {
+        f"{name}_{what}": value
+        for name in (("eight", "fast", "edge") if quick else PATHS)
+        for what, value in measured(run(name)).items()
+    }
+    if not quick:
+        found["cost_over_converged"] = beside_converged()[3]
+    return found
+
+
+def beside_converged() -> tuple[int, float, float, float]:
+    """Steps of the figure eight, its cost by real-time iteration and converged, their ratio."""
     path, _ = PATHS["eight"]
     task = replace(task_of("eight"), reference=Reference(path, TimeLaw(4.0, 0.875)))
     setup = set_up(Scene(chen2022()), task)
     quick, slow = setup.run(setup.controller), setup.run(converged(setup.ocp))
-    ratio = (quick.cost or 0.0) / (slow.cost or 1.0)
-    return (
-        f"{len(quick.u)} steps: cost {quick.cost:.5f} by real-time iteration, {slow.cost:.5f} "
-        f"converged: ratio {ratio:.6f}"
-    )
+    both = quick.cost or 0.0, slow.cost or 1.0
+    return len(quick.u), *both, both[0] / both[1]
 
 
 def main() -> None:
@@ -90,7 +117,12 @@ def main() -> None:
     names = sys.argv[1:] or list(PATHS)
     print(f"{COLUMNS}  step 50, 95, 100 %")
     for name in names:
-        print(against_converged() if name == "converged" else line(name, run(name)), flush=True)
+        if name == "converged":
+            steps, quick, slow, ratio = beside_converged()
+            print(f"{steps} steps: cost {quick:.5f} by real-time iteration, {slow:.5f} converged: "
+                  f"ratio {ratio:.6f}", flush=True)  # fmt: skip
+        else:
+            print(line(name, run(name)), flush=True)
 
 
 if __name__ == "__main__":

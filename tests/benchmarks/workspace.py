@@ -19,7 +19,6 @@ filled    share of random places between the surfaces that inverse statics reach
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Iterator
 from dataclasses import replace
@@ -33,6 +32,7 @@ from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene, default_effects
 from softmpc.statics.workspace import find_workspace
 from softmpc.statics.workspace_check import check_workspace
+from tests.benchmarks.common import arguments, key
 
 LOAD = TipLoad(force=(0.6, -0.4, 1.0))
 INSIDE = 200  # places between the surfaces
@@ -40,6 +40,7 @@ HEAD = (
     "arm", "s", "cpu s", "volume l", "± l", "points", "samples", "searched", "outside", "by grid",
     "off", "bad", "filled",
 )  # fmt: skip
+FORMATS = (".1f", ".1f", ".2f", ".2f", "d", "d", "d", ".1e", ".1f", ".1e", "d", ".1%")
 
 
 def three_sections() -> Manipulator:
@@ -73,34 +74,54 @@ def cpu_seconds() -> float:
     return spent.user + spent.children_user
 
 
+def measured(scene: Scene, azimuths: int, polars: int, samples: int) -> dict[str, float]:
+    """The columns of one arm."""
+    model = build(scene)
+    before = cpu_seconds()
+    space = find_workspace(model, azimuths=azimuths, polars=polars)
+    took = cpu_seconds() - before
+    found = check_workspace(model, space, samples, seed=100, inside=INSIDE)
+    return {
+        "s": space.wall_s,
+        "cpu_s": took,
+        "volume_l": 1e3 * space.volume,
+        "volume_error_l": 1e3 * space.volume_error,
+        "points_count": found.points,
+        "samples_count": found.samples,
+        "searched_count": found.searched,
+        "outside_mm": 1e3 * found.outside,
+        "by_grid_mm": 1e3 * found.by_grid,
+        "off_mm": 1e3 * found.off,
+        "bad_count": found.unreachable,
+        "filled_share": found.filled,
+    }
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """One and two sections on a coarse grid in quick mode; else all arms as printed."""
+    chosen = {n: s for n, s in scenes() if not quick or n in ("one section", "two sections")}
+    grid = (8, 7, 500) if quick else (24, 13, 10_000)
+    found = {name: measured(scene, *grid) for name, scene in chosen.items()}
+    return {key(name, what): v for name, each in found.items() for what, v in each.items()}
+
+
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--samples", type=int, default=10_000)
     parser.add_argument("--azimuths", type=int, default=24)
     parser.add_argument("--polars", type=int, default=13)
     parser.add_argument("--only", help="arms whose name contains this")
     parser.add_argument("--quick", action="store_true", help="a coarse grid and 500 samples")
     given = parser.parse_args()
-    azimuths, polars, count = given.azimuths, given.polars, given.samples
-    if given.quick:
-        azimuths, polars, count = 8, 7, 500
+    grid = (8, 7, 500) if given.quick else (given.azimuths, given.polars, given.samples)
     widths = (22, 6, 7, 9, 7, 7, 8, 9, 10, 8, 9, 4, 8)
     print("".join(f"{h:>{w}}" for h, w in zip(HEAD, widths, strict=True)))
     for name, scene in scenes():
         if given.only and given.only not in name:
             continue
-        model = build(scene)
-        before = cpu_seconds()
-        space = find_workspace(model, azimuths=azimuths, polars=polars)
-        took = cpu_seconds() - before
-        found = check_workspace(model, space, count, seed=100, inside=INSIDE)
-        cells = (
-            name, f"{space.wall_s:.1f}", f"{took:.1f}", f"{1e3 * space.volume:.2f}",
-            f"{1e3 * space.volume_error:.2f}", found.points, found.samples, found.searched,
-            f"{1e3 * found.outside:.1e}", f"{1e3 * found.by_grid:.1f}", f"{1e3 * found.off:.1e}",
-            found.unreachable, f"{100 * found.filled:.1f} %",
-        )  # fmt: skip
+        values = measured(scene, *grid).values()
+        cells = [name, *(format(v, how) for v, how in zip(values, FORMATS, strict=True))]
         print("".join(f"{c:>{w}}" for c, w in zip(cells, widths, strict=True)), flush=True)
 
 
