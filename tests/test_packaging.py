@@ -17,6 +17,7 @@ from pages import ROOT, blocks
 
 from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, OK, WRONG_INPUT
 from softmpc.cli.main import UNEXPECTED
+from softmpc.cli.replay import DIFFERENT
 from softmpc.codegen import flight_format
 from softmpc.codegen.targets import TARGETS
 from softmpc.control import planned, track_result
@@ -165,7 +166,11 @@ def test_schemas_are_those_of_the_page() -> None:
 def test_exit_statuses_are_those_of_the_page() -> None:
     page = (ROOT / "docs" / "versioning.md").read_text(encoding="utf-8")
     said = [f"{UNEXPECTED} an unexpected", f"{OK} well", f"{WRONG_INPUT} wrong input"]
-    said += [f"{NOT_CONVERGED} no convergence", f"{INTERRUPTED} interrupted"]
+    said += [
+        f"{NOT_CONVERGED} no convergence",
+        f"{DIFFERENT} a replay",
+        f"{INTERRUPTED} interrupted",
+    ]
     assert [words for words in said if words not in page] == []
 
 
