@@ -1,0 +1,120 @@
+"""What a study says, in a few sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from softmpc.accuracy.families import FAMILIES
+from softmpc.accuracy.front import front
+from softmpc.accuracy.model_axes import AS_GIVEN
+from softmpc.accuracy.orders import AS_THEORY, DIFFERS, DIVERGES, Fit, fits
+from softmpc.accuracy.tables import time_text
+from softmpc.study.lengths import length_text
+from softmpc.view.accuracy_changes import change_m, changed_points
+
+if TYPE_CHECKING:
+    from softmpc.accuracy.points import FamilyResult, Point, Study
+
+__all__ = ["PLACES", "in_short"]
+
+TOLERANCES = (10e-3, 5e-3, 1e-3)  # m
+PLACES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
+MOST_NAMED = 3
+ALIKE = 0.05  # a ratio as near to 1 is that of the machine's mood
+
+
+def in_short(study: Study) -> list[str]:
+    """The cheapest within tolerances, what does not converge, orders, the largest changes."""
+    found = [_cheapest(family) for family in study.families]
+    known = [(family, fit) for family in study.families for fit in fits(family)]
+    found += [_divergent(known), _orders([fit for _, fit in known]), _changes(study)]
+    return [one for one in found if one] or ["Nothing was measured yet."]
+
+
+def place(family: FamilyResult) -> str:
+    return PLACES.get(family.name, family.name)
+
+
+def _cheapest(family: FamilyResult) -> str:
+    """One sentence a family; a point that is the cheapest for several tolerances is named once."""
+    best = [point for point in front(family).points if point.proved_m is not None]
+    if not best:
+        return ""
+    chosen: dict[str, list[float]] = {}
+    for tolerance in TOLERANCES:
+        within = [point for point in best if (point.proved_m or 0.0) <= tolerance]
+        chosen.setdefault(_named(within[0]) if within else "", []).append(tolerance)
+    missed = chosen.pop("", [])
+    parts = [f"within {_joined([length_text(t) for t in ts], 'and')} {name}"
+             for name, ts in chosen.items()]  # fmt: skip
+    if missed:
+        parts.append(f"nothing is within {_joined([length_text(t) for t in missed], 'or')}")
+    cost = FAMILIES[family.name].cost_label.rpartition(" (")[0]
+    return f"The cheapest {place(family)}: {'; '.join(parts)}. Times are: {cost}."
+
+
+def _named(point: Point) -> str:
+    """A point with its error and its time."""
+    error = f"{'below ' if point.at_floor else ''}{length_text(point.proved_m or 0.0)}"
+    return f"“{point.name}” ({error} in {time_text(point.time_s or 0.0)}{_beside_given(point)})"
+
+
+def _beside_given(point: Point) -> str:
+    """Its time over that of the scene as given."""
+    ratio = point.cost.get("ratio")
+    if ratio is None or point.axis == AS_GIVEN:
+        return ""
+    if abs(ratio - 1.0) < ALIKE:
+        return ", as fast as the scene as given"
+    return f", {ratio:.2g} times that of the scene as given"
+
+
+def _divergent(known: Sequence[tuple[FamilyResult, Fit]]) -> str:
+    where: dict[str, list[str]] = {}
+    for family, fit in known:
+        if fit.verdict == DIVERGES:
+            what = FAMILIES[family.name].error_label if fit.key == "error_m" else fit.key
+            what = what.removesuffix("_m").replace("_", " ").rpartition(" (")[0] or what
+            where.setdefault(fit.series, []).append(what.replace("_", " "))
+    if not where:
+        return "All series whose order could be fitted converge." if known else ""
+    told = [f"“{series}” ({', '.join(dict.fromkeys(what))})" for series, what in where.items()]
+    return f"What does not converge when it is made finer: {'; '.join(told)}."
+
+
+def _orders(known: Sequence[Fit]) -> str:
+    """How many fitted orders are those of theory, and which are not."""
+    good = [fit for fit in known if fit.verdict == AS_THEORY]
+    other = [fit for fit in known if fit.verdict == DIFFERS]
+    count = len(good) + len(other)
+    if not count:
+        return ""
+    start = f"Of {count} fitted orders with a theory, {len(good)} agree with it within 0.2"
+    if not other:
+        return start + "."
+    told = [f"“{fit.series}” has {fit.order:.2f} where theory says {fit.theory:g}" for fit in other]
+    left = len(told) - MOST_NAMED
+    more = [f"{left} more in the tables"] if left > 0 else []
+    return f"{start}; {'; '.join([*told[:MOST_NAMED], *more])}."
+
+
+def _changes(study: Study) -> str:
+    """The largest changes of the family in which the arm moves most freely and has some."""
+    order = {"motion": 0, "rest": 1, "loop": 2}
+    families = [family for family in study.families if changed_points(family)]
+    if not families:
+        return ""
+    family = min(families, key=lambda one: order.get(one.name, 3))
+    largest = sorted(changed_points(family), key=lambda p: -(change_m(p) or 0.0))
+    told = [f"“{p.name}” {length_text(change_m(p) or 0.0)}" for p in largest[:MOST_NAMED]]
+    least = largest[-1]
+    end = f"; the smallest: “{least.name}” {length_text(change_m(least) or 0.0)}"
+    return (
+        f"What effects and the drive change most {place(family)}: {', '.join(told)}"
+        f"{end if len(largest) > MOST_NAMED else ''}."
+    )
+
+
+def _joined(words: Sequence[str], last: str) -> str:
+    return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
