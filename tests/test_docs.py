@@ -132,6 +132,10 @@ def test_api_page_has_all_public_names() -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     shown = set(re.findall(r"automodule:: softmpc\.(\S+)", page))
     assert set(softmpc._HOME.values()) - shown == set()
+    architecture = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    extended = re.findall(r"`softmpc/((?!view|__init__)[\w/]+)\.py`", architecture)
+    assert {name.replace("/", ".") for name in extended} - shown == set()
+    assert len(extended) > 10
 
 
 # ---------------------------------------------------------------- the tools above
