@@ -91,6 +91,22 @@ def rest() -> FamilyResult:
     return FamilyResult("rest", {"rod": "an extensible rod"}, tuple(points))
 
 
+def integrators() -> Iterator[Point]:
+    """Series by step, with a theory, and by tolerance, without one."""
+    for k, size in enumerate((0.04, 0.02, 0.01)):
+        numbers = {"error_m": 0.012, "doubt_m": 4e-5, "integration_m": 3e-5 / 8**k,
+                   "integration_doubt_m": 1e-8}  # fmt: skip
+        yield point("integrator", f"radau-2, step {1e3 * size:g} ms", numbers, 0.02 * 2**k, 2.0**k,
+                    changes={"simulate.step": size}, series="radau-2 by its step", size=size,
+                    order=3.0)  # fmt: skip
+    for k, size in enumerate((1e-4, 1e-6, 1e-8)):
+        numbers = {"error_m": 0.012, "doubt_m": 4e-5, "integration_m": 2e-4 / 50**k,
+                   "integration_doubt_m": 1e-8}  # fmt: skip
+        yield point("integrator", f"idas, tolerance {size:g}", numbers, 0.3 * 1.7**k, 8.0 * 1.7**k,
+                    changes={"simulate.tolerance": size}, series="idas by its tolerance",
+                    size=size)  # fmt: skip
+
+
 def motion() -> FamilyResult:
     given = point("as given", "as given", {"error_m": 0.012, "doubt_m": 4e-5}, 0.05, changes={})
     drives = [("slow mode alone", 0.002, 0.8), ("static gain", 0.03, 0.4), ("friction", 0.011, 2.5)]
@@ -99,6 +115,7 @@ def motion() -> FamilyResult:
         *series_of("segments and mass", TIPS, "model.segments", 0.05, 1.4, 4e-5),
         *(point("drive", n, {"error_m": e, "doubt_m": 4e-5}, 0.05 * r, r) for n, e, r in drives),
         point("effects", "without weight", {"error_m": 0.11, "doubt_m": 4e-5}, 0.04, 0.8),
+        *integrators(),
         point("effects added", "drag in water", {"change_m": 0.04}, 0.08, 1.6),
         point("effects added", "tube inertance", {"change_m": 0.0021}, 0.06, 1.2),
     ]
@@ -129,7 +146,10 @@ def study(*families: FamilyResult) -> Study:
     return Study("An arm <of tests>", "finished", True, machine, chosen, DOCUMENT)
 
 
-UNITS = re.compile(r"\((mm|µm|s|ms|µs|relative|ratio|number|steps|by name|lengths of a section)\)$")
+UNITS = re.compile(
+    r"\((mm|µm|m|s|ms|µs|relative|ratio|number|steps|by name|of scaled states|lengths of a section)"
+    r"\)$"
+)
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +185,8 @@ def test_a_picture_of_each_kind(pictures: dict[str, Any]) -> None:
     assert set(pictures) == {
         "work-precision-rest.png", "work-precision-motion.png", "work-precision-loop.png",
         "convergence-rest-segments-and-mass.png", "convergence-rest-formulation.png",
-        "convergence-motion-segments-and-mass.png", "changes-rest.png", "changes-motion.png",
+        "convergence-motion-segments-and-mass.png", "convergence-motion-integrator.png",
+        "changes-rest.png", "changes-motion.png",
         "controllers-loop.png", "times-rest.png",
     }  # fmt: skip
 
@@ -241,6 +262,15 @@ def test_orders_stand_beside_theory(pictures: dict[str, Any]) -> None:
     printed, full = legend("convergence-rest-formulation.png")[:2]
     assert printed.startswith("Newton-Euler, as printed:\ndoes not converge")
     assert full == "Newton-Euler, full wrench:\norder 0.92 (theory 1)"
+
+
+def test_what_has_other_sizes_is_in_other_panels(pictures: dict[str, Any]) -> None:
+    steps, tolerances = pictures["convergence-motion-integrator.png"].axes
+    assert steps.get_xlabel() == "step (s)"
+    assert tolerances.get_xlabel() == "tolerance (of scaled states)"
+    assert steps.get_ylabel() == "error of integration alone (mm)"
+    (told,) = [t.get_text() for t in steps.get_legend().get_texts()]
+    assert told == "radau-2 by its step:\norder 3.00 (theory 3)"
 
 
 def test_bars_are_as_long_as_the_changes(pictures: dict[str, Any]) -> None:

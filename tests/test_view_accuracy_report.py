@@ -67,7 +67,7 @@ def test_it_is_one_page_without_a_net(text: str, page: Page) -> None:
 
 
 def test_pictures_are_whole(page: Page) -> None:
-    assert len(page.links) == 10  # of test_view_accuracy.py
+    assert len(page.links) == 11  # of test_view_accuracy.py
     for link in page.links:
         root = ElementTree.fromstring(b64decode(link.partition(",")[2]))
         assert root.tag.endswith("svg")

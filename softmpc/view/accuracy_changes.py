@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CHANGES", "change_m", "changed_points", "changes_figure"]
 
-CHANGES = ("effects", "effects added", "drive")
-HATCHES = ("", "////", "....")
+CHANGES = ("effects", "effects added", "drive", "strains")
+HATCHES = ("", "////", "....", "xxxx")
 LETTERS = 48  # of a name
 TITLES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
 
@@ -57,7 +57,7 @@ def changes_figure(study: Study, family: FamilyResult) -> Figure:
         axes.tick_params(axis="y", length=0)
     shown = list(dict.fromkeys(point.axis for point in points))
     handles = [left.barh(0, 0, **_bar(marks(study)[axis], axis), label=axis) for axis in shown]
-    made.legend(handles=handles, loc="outside lower center", ncols=3)
+    made.legend(handles=handles, loc="outside lower center", ncols=4)
     return made
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from softmpc.view.accuracy_style import (
     outside,
     positive,
     read_key,
+    ticks_at,
     time_unit,
     varied_keys,
 )
@@ -145,16 +147,8 @@ def _set_scales(axes: Axes, over: Over) -> None:
         axes.set_xlim(-0.6, len(over.names) - 0.4)
         axes.set_xticks(over.places, over.names, rotation=30, ha="right", fontsize=7)
     else:
-        _at_numbers(axes, over.places)
+        ticks_at(axes, over.places)
     log_scale(axes, "y", 1.0)
-
-
-def _at_numbers(axes: Axes, numbers: Sequence[float] | np.ndarray) -> None:
-    """A logarithmic x axis whose ticks are the numbers themselves."""
-    log_scale(axes, "x", 0.3)
-    shown = sorted(set(numbers))
-    axes.set_xticks(shown, [f"{number:g}" for number in shown])
-    axes.minorticks_off()
 
 
 def _legend_of(made: Figure, grid: np.ndarray) -> None:
@@ -188,7 +182,7 @@ def times_figure(study: Study, family: FamilyResult) -> Figure:
                       marker=MARKERS[i % len(MARKERS)], label=name)  # fmt: skip
         axes.margins(0.08, 0.12)
         axes.autoscale_view()
-        _at_numbers(axes, [_segments(study, point) for point in points])
+        ticks_at(axes, [_segments(study, point) for point in points])
         log_scale(axes, "y", 1.0)
         label(axes, "segments a section (number)",
               unit.label(FAMILIES[family.name].cost_label), axis)  # fmt: skip
@@ -197,8 +191,8 @@ def times_figure(study: Study, family: FamilyResult) -> Figure:
 
 
 def _variant(point: Point) -> str:
-    own = point.configuration
-    return own.series or own.variant or f"compile: {own.compile}"
+    """Its name without its segments."""
+    return re.sub(r", \d+ segments?$", "", point.name)
 
 
 def _segments(study: Study, point: Point) -> float:

@@ -17,6 +17,7 @@ from softmpc.view.accuracy_style import (
     log_scale,
     outside,
     positive,
+    ticks_at,
     varied_keys,
 )
 from softmpc.view.style import ALARM, COLOURS, figure, label, styled
@@ -34,29 +35,37 @@ SIZES = {
     "segments": "length of a segment (lengths of a section)",
     "step": "step (s)",
     "sample_time": "step (s)",
+    "tip_tolerance": "tolerance (m)",
     "tolerance": "tolerance (of scaled states)",
 }
 KEYS = {
     "frequency_error": "error of frequencies (relative)",
-    "integration_m": "error of the integration alone (m)",
+    "integration_m": "error of integration alone (m)",
 }
 PANEL = 3.3  # inches
+Series = list[tuple[Fit, "list[Point]"]]
 
 
 def convergence_axes(family: FamilyResult) -> list[str]:
     """The axes with a series of which two errors or more can be shown."""
-    return [axis for axis in family.axes if any(_panels(family, axis).values())]
+    return [axis for axis in family.axes if _panels(family, axis)]
 
 
 @styled
 def convergence_figure(family: FamilyResult, axis: str) -> Figure:
-    """A panel for each error that has an order along the axis; legends have orders and theory."""
-    panels = {key: own for key, own in _panels(family, axis).items() if own}
+    """A panel for each error with an order along the axis, and for each kind of size.
+
+    Legends have the fitted orders with theory.
+    """
+    panels = _panels(family, axis)
     title = f"Convergence along “{axis}”: {_kind(family)}"
     made = figure(10.0, 0.6 + PANEL * len(panels), title)
     drawn = made.subplots(len(panels), 1, squeeze=False)[:, 0]
-    for axes, (key, own) in zip(drawn, panels.items(), strict=True):
-        _draw_panel(axes, family, key, own)
+    for axes, ((key, size), own) in zip(drawn, panels.items(), strict=True):
+        _draw_panel(axes, key, own)
+        unit = _unit(key)
+        label(axes, size, unit.label(key_label(family.name, key)))
+        outside(axes, labelspacing=0.9)
     return made
 
 
@@ -89,9 +98,13 @@ def _kind(family: FamilyResult) -> str:
     return {"rest": "the arm at rest", "motion": "the arm in motion"}.get(family.name, family.name)
 
 
-def _panels(family: FamilyResult, axis: str) -> dict[str, list[tuple[Fit, list[Point]]]]:
-    """For each error the fits of series, with the points that can be shown."""
-    panels: dict[str, list[tuple[Fit, list[Point]]]] = {}
+def _unit(key: str) -> Unit:
+    return error_unit() if key.endswith("_m") else Unit("relative", 1.0)
+
+
+def _panels(family: FamilyResult, axis: str) -> dict[tuple[str, str], Series]:
+    """For each error and each kind of size the fits of series, with points that can be shown."""
+    panels: dict[tuple[str, str], Series] = {}
     for fit in fits(family):
         if fit.axis != axis:
             continue
@@ -99,14 +112,12 @@ def _panels(family: FamilyResult, axis: str) -> dict[str, list[tuple[Fit, list[P
         shown = [p for p in own if positive(p.configuration.size) and _error(p, fit.key)]
         shown.sort(key=lambda p: p.configuration.size or 0.0)
         if len(shown) > 1:
-            panels.setdefault(fit.key, []).append((fit, shown))
+            panels.setdefault((fit.key, _size_label(own)), []).append((fit, shown))
     return panels
 
 
-def _draw_panel(
-    axes: Axes, family: FamilyResult, key: str, series: Sequence[tuple[Fit, list[Point]]]
-) -> None:
-    unit = error_unit() if key.endswith("_m") else Unit("relative", 1.0)
+def _draw_panel(axes: Axes, key: str, series: Series) -> None:
+    unit = _unit(key)
     for i, (fit, points) in enumerate(series):
         sizes = np.array([point.configuration.size for point in points], float)
         errors = unit.factor * np.array([_error(point, key) for point in points])
@@ -118,11 +129,8 @@ def _draw_panel(
                       linewidth=1.0, linestyle="-" if fit.verdict == AS_THEORY else (0, (4, 2)),
                       label="_fit")  # fmt: skip
     _draw_floor(axes, key, [point for _, points in series for point in points], unit)
-    log_scale(axes, "x")
+    ticks_at(axes, (p.configuration.size or 0.0 for _, points in series for p in points))
     log_scale(axes, "y")
-    every = [point for _, points in series for point in points]
-    label(axes, _size_label(every), unit.label(key_label(family.name, key)))
-    outside(axes, labelspacing=0.9)
 
 
 def _style(fit: Fit, index: int) -> dict[str, Any]:
@@ -138,11 +146,8 @@ def _style(fit: Fit, index: int) -> dict[str, Any]:
 
 def _draw_floor(axes: Axes, key: str, points: Sequence[Point], unit: Unit) -> None:
     """The doubt of the reference, where errors come near it."""
-    if "error" not in key:
-        return
-    doubts = [
-        value for p in points if positive(value := p.error.get(key.replace("error", "doubt")))
-    ]
+    own = key.replace("error", "doubt") if "error" in key else f"{key.removesuffix('_m')}_doubt_m"
+    doubts = [value for point in points if positive(value := point.error.get(own))]
     least = min(_error(point, key) for point in points)
     if doubts and max(doubts) * 20 > least:
         axes.axhline(unit.factor * max(doubts), label="doubt of the reference", **DOUBT)

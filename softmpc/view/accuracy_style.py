@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeGuard
 
@@ -20,10 +21,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DOUBT", "GIVEN", "MARKERS", "Mark", "Unit", "error_unit", "log_scale", "marks", "outside",
-    "positive", "read_key", "time_unit", "varied_keys",
+    "positive", "read_key", "ticks_at", "time_unit", "varied_keys",
 ]  # fmt: skip
 
 MARKERS = "os^DvPXph<>d"  # no star, which is the scene as given
+MOST_TICKS, APART = 8, 1.3
+MORE_COLOURS = (*COLOURS, "#5E3C99", "#9A9A9A")
 GIVEN: dict[str, Any] = {
     "marker": "*", "markersize": 14, "color": "white", "markeredgecolor": INK, "linestyle": "none",
     "markeredgewidth": 1.2,
@@ -62,7 +65,7 @@ def marks(study: Study) -> dict[str, Mark]:
     """The mark of each axis, the same in all pictures of a study."""
     axes = dict.fromkeys(point.axis for point in study.points if point.axis != AS_GIVEN)
     return {
-        axis: Mark(COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)])
+        axis: Mark(MORE_COLOURS[i % len(MORE_COLOURS)], MARKERS[i % len(MARKERS)])
         for i, axis in enumerate(axes)
     }
 
@@ -102,6 +105,17 @@ def log_scale(axes: Axes, which: str, least_decades: float = 0.7) -> None:
     axis.set_major_locator(LogLocator(subs=subs, numticks=12))
     axis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
     axis.set_minor_formatter(NullFormatter())
+
+
+def ticks_at(axes: Axes, numbers: Iterable[float]) -> None:
+    """A logarithmic x axis whose ticks are these numbers, where they are few and far apart."""
+    from matplotlib.ticker import NullLocator
+
+    log_scale(axes, "x", 0.3)
+    shown = sorted(set(numbers))
+    if len(shown) <= MOST_TICKS and all(b > APART * a for a, b in pairwise(shown)):
+        axes.set_xticks(shown, [_plain(number) for number in shown])
+        axes.xaxis.set_minor_locator(NullLocator())
 
 
 def _plain(value: float) -> str:
