@@ -226,6 +226,7 @@ def test_new_numbers_and_zeros() -> None:
     rows = comparing.changes(of(a_count=0, b_count=1), of(a_count=0), True)
     assert [(row.verdict, row.ratio) for row in rows] == [("", None), ("new", None)]
     assert comparing.Change("a_count", 1, 0, True).verdict == "differs"
+    assert comparing.Change("off_mm", 3e-13, 1e-13, True).verdict == "", "rounding"
 
 
 def test_other_machine_is_named() -> None:

@@ -5,7 +5,7 @@ load changes: every difference is told, and one that grew is a fault. With a uni
 `ms`, `us`) or `ratio` it is timed: differences are told beyond a factor of BAND, for on a machine
 that does other work medians of one program differ by that much; and only where both runs were on
 the same machine with the same programs. All else (errors, shares, counts of failures) is told
-beyond one part in EXACT.
+beyond one part in EXACT, and beyond what rounding does.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ __all__ = ["BAND", "Change", "changes", "machine_note", "table"]
 
 BAND = 1.3
 EXACT = 100
+ROUNDING = 1e-9
 TIMED = {"s", "ms", "us", "ratio"}
 
 
@@ -54,7 +55,7 @@ class Change:
         if self.words & TIMED:
             return self._timed(self.before)
         size = max(abs(self.now), abs(self.before))
-        return "differs" if abs(self.now - self.before) * EXACT > size else ""
+        return "differs" if abs(self.now - self.before) > max(size / EXACT, ROUNDING) else ""
 
     def _counted(self, before: float) -> str:
         if self.now == before:
