@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import pickle
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, is_dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 from softmpc.errors import InputError, SweepError, is_interrupt
@@ -130,10 +130,18 @@ def packed(value: Any, what: str, dumps: Callable[[Any], bytes] = pickle.dumps) 
         ) from None
 
 
-@lru_cache(maxsize=4)
+_mine = threading.local()
+
+
 def _unpacked(work: bytes) -> Any:
-    """One object in each process, so that what it computes for itself serves all its chunks."""
-    return pickle.loads(work)
+    """One object in each thread, so that what it computes for itself serves all its chunks.
+
+    Threads do not share it: from Python 3.12 on cached properties have no lock, and two threads
+    would make one model at the same time.
+    """
+    if getattr(_mine, "packed", None) != work:
+        _mine.packed, _mine.work = work, pickle.loads(work)
+    return _mine.work
 
 
 def run_packed(work: bytes, cases: bytes, begun: Callable[[int], None] | None = None) -> Outcome:
