@@ -8,9 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
-
-import pytest
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from softmpc.accuracy import study
 from softmpc.accuracy.configuration import Configuration, Task
@@ -19,7 +17,10 @@ from softmpc.accuracy.family import Family, Numbers
 from softmpc.accuracy.work import Case, Measure
 from softmpc.errors import SceneError
 
-SIZES = (1, 2, 4, 8)
+if TYPE_CHECKING:
+    import pytest
+
+SIZES = (1, 2, 4)
 REFERENCES = ("coarse", "fine")
 
 
@@ -44,8 +45,8 @@ class Pretended(Family):
     """A series of first and one of second order; numbers depend on the configuration alone.
 
     Keys of the document steer it: `log`, `seconds` a measurement takes, `kill` (what kills its
-    process), `kill_once` (a file: the first one to find none makes it and dies), `fail` (what has
-    no result, for a reason), `break` (what has a bug), `refuse` (a reason not to measure at all).
+    process), `fail` (what has no result, for a reason), `break` (what has a bug), `refuse` (a reason
+    not to measure a family at all).
     """
 
     name: ClassVar[str] = "pretended"
@@ -128,7 +129,7 @@ def _work(task: Task, what: str) -> None:
     if what in document.get("break", []):
         raise KeyError("a bug")
     began = time.monotonic()
-    if what in document.get("kill", []) or _is_first(document.get("kill_once")):
+    if what in document.get("kill", []):
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(document.get("seconds", 0.0))
     if log := document.get("log"):
@@ -136,10 +137,3 @@ def _work(task: Task, what: str) -> None:
         line = [what, os.getpid(), began, time.monotonic(), cores]
         with open(log, "a") as file:
             file.write("\t".join(map(str, line)) + "\n")
-
-
-def _is_first(path: str | None) -> bool:
-    if path is None or Path(path).exists():
-        return False
-    Path(path).touch()
-    return True

@@ -75,6 +75,8 @@ class Store:
         if fresh:
             return
         for number, line in enumerate(lines, 2):
+            if not line.strip():
+                continue
             try:
                 one = json.loads(line)
                 self.results[one["key"]] = one["result"]
