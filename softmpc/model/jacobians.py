@@ -49,14 +49,20 @@ def _start(state: State) -> State:
 
 
 class Jacobians:
-    """Derivatives of `residual_of` for one chain, by `symbols`: those given, or MX if `looped`."""
+    """Derivatives of `residual_of` for one chain, by `symbols`: those given, or MX if `looped`.
 
-    def __init__(self, chain: Chain, state: State, p: SX) -> None:
+    Looped by default are chains with more segments than `MOST_WRITTEN_OUT`.
+    """
+
+    def __init__(
+        self, chain: Chain, state: State, p: SX, most_written_out: int | None = None
+    ) -> None:
         self.chain, self.linear = chain, chain.linear()
         self.beyond: Any = chain.beyond()
         self.none: list[SX] = [None] * len(chain.scene.manipulator.sections)
         self._accelerated = self._needs_accelerations()
-        self.looped = len(chain.segments) > MOST_WRITTEN_OUT and not self._accelerated
+        most = MOST_WRITTEN_OUT if most_written_out is None else most_written_out
+        self.looped = len(chain.segments) > most and not self._accelerated
         self.state, self.p = state, p
         if self.looped:
             symbols: list[SX] = [ca.MX.sym(x, chain.size) for x in ("q", "dq", "ddq")]

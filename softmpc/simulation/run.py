@@ -26,7 +26,7 @@ from softmpc.simulation.settings import STARTS, read_settings
 from softmpc.simulation.validity import VAPOUR, MotionWarning, late_inputs, motion_warnings
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 
-__all__ = ["simulate", "simulate_file", "start_state", "states_at"]
+__all__ = ["sample_times", "simulate", "simulate_file", "start_state", "states_at"]
 
 CHUNK = 200  # samples of one call at most: between calls there is progress, and an end on Ctrl-C
 MOST_SAMPLES = 5_000_000
@@ -59,7 +59,7 @@ def simulate(
     """
     profile.check(model)
     began = time.perf_counter()
-    stamps = _stamps(duration, sample_time)
+    stamps = sample_times(duration, sample_time)
     numbers = {"tip_tolerance": tip_tolerance, "tolerance": tolerance, "step": step}
     integrator = integrator_for(model, method, **numbers)
     x, warnings = _start(model, profile, start)
@@ -217,7 +217,7 @@ class _Validity:
             )
 
 
-def _stamps(duration: float, sample_time: float) -> np.ndarray:
+def sample_times(duration: float, sample_time: float) -> np.ndarray:
     """Times of the samples, the last one at `duration`."""
     for name, value in (("duration", duration), ("sample_time", sample_time)):
         if not (np.isfinite(value) and value > 0):

@@ -1,0 +1,154 @@
+"""What a motion costs: to build, to run, in instructions, states and memory."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.motion_task import PATIENCE, settings_of
+from softmpc.accuracy.motion_variants import model_with
+from softmpc.accuracy.timing import by_turns, memory_mib
+from softmpc.compiled import default_mode
+from softmpc.model.model import Model
+from softmpc.model.scene_file import scene_from_dict
+from softmpc.simulation.integrator import IntegrationError, Integrator
+from softmpc.simulation.methods import integrator_for
+from softmpc.simulation.run import sample_times, start_state, states_at
+from softmpc.simulation.settings import SimulationSettings
+from softmpc.study.measure import Cost
+
+__all__ = ["motion_cost"]
+
+FEWEST, MOST = 3, 15  # runs whose median is the time
+SPEND = {True: 1.5, False: 6.0}  # s of runs, by `quick`
+CALLS = 20  # of a function, a measurement
+Numbers = dict[str, Any]
+
+
+def motion_cost(task: Task, configuration: Configuration) -> Numbers:
+    """Times of a configuration by its own method, beside those of the scene as given.
+
+    `time_s` is wall time a simulated second. `build_s` is from the scene to the state after the
+    first sample, uncompiled, with no function made before; `compile_s` what compiling adds.
+    `residual_us` and `jacobian_us` are a call of the residual and of its Jacobian, in CasADi's
+    virtual machine. Raises `IntegrationError` for a run that does not come to its end in time.
+    """
+    mode = default_mode()
+    with _environment(SOFTMPC_COMPILE="never"):
+        began = time.perf_counter()
+        own = _Arm.of(task, configuration)
+        own.first()
+        found: Numbers = {"build_s": time.perf_counter() - began}
+    if mode == "require":
+        with tempfile.TemporaryDirectory() as cache, _environment(SOFTMPC_CACHE=cache):
+            began = time.perf_counter()
+            own = own.again()
+            found["compile_s"] = time.perf_counter() - began
+            return found | _measured(task, configuration, own)
+    return found | _measured(task, configuration, own)
+
+
+def _measured(task: Task, configuration: Configuration, own: _Arm) -> Numbers:
+    took = own.whole(PATIENCE[task.quick])
+    found: Numbers = {"memory_mib": memory_mib()}
+    with _environment(SOFTMPC_COMPILE="never"):
+        given = _Arm.of(task, Configuration("", ""))
+        took += given.whole(PATIENCE[task.quick])
+    repeats = int(np.clip(SPEND[task.quick] / took, FEWEST, MOST))
+    times = by_turns(own.whole, given.whole, repeats)
+    second = own.settings.duration
+    for key in ("time_s", "spread_s", "beside_s"):
+        times[key] /= second
+    cost = Cost.of(own.model, times["time_s"] * second)
+    found |= times | {"instructions": cost.instructions, "states": cost.states}
+    return found | _calls(own.model)
+
+
+@dataclass(frozen=True, eq=False)
+class _Arm:
+    """An arm at the start of its motion, and what moves it."""
+
+    model: Model
+    settings: SimulationSettings
+    x: np.ndarray
+    integrator: Integrator
+
+    @classmethod
+    def of(cls, task: Task, configuration: Configuration) -> _Arm:
+        document = configuration.document(task)
+        model = model_with(scene_from_dict(document), configuration.variant)
+        settings = settings_of(task, document, model)
+        x = start_state(model, settings.profile, settings.start)
+        return cls(model, settings, x, _prepared(model, settings))
+
+    def again(self) -> _Arm:
+        """The same with another integrator, in the mode of compilation that now holds."""
+        return _Arm(self.model, self.settings, self.x, _prepared(self.model, self.settings))
+
+    def first(self) -> None:
+        """Up to the first sample."""
+        self._run(np.array([self.settings.sample_time]), None)
+
+    def whole(self, patience: float | None = None) -> float:
+        """The whole motion; returns how long it took (s)."""
+        began = time.perf_counter()
+        stamps = sample_times(self.settings.duration, self.settings.sample_time)
+        self._run(stamps, None if patience is None else _waiting(began + patience))
+        return time.perf_counter() - began
+
+    def _run(self, stamps: np.ndarray, progress: Callable[[float, float], None] | None) -> None:
+        profile = self.settings.profile
+        status, _, _ = states_at(self.integrator, profile, self.x, stamps, progress)
+        if status == "interrupted":
+            raise KeyboardInterrupt
+        if status != "finished":
+            raise IntegrationError(status)
+
+
+def _waiting(until: float) -> Callable[[float, float], None]:
+    def waiting(reached: float, duration: float) -> None:
+        if time.perf_counter() > until:
+            raise IntegrationError(f"takes too long, reached {reached:.3g} s")
+
+    return waiting
+
+
+def _prepared(model: Model, settings: SimulationSettings) -> Integrator:
+    numbers = {key: getattr(settings, key) for key in ("tip_tolerance", "tolerance", "step")}
+    integrator = integrator_for(model, settings.method, **numbers)
+    integrator.prepare()
+    return integrator
+
+
+def _calls(model: Model) -> Numbers:
+    """Microseconds of a call, the median of some."""
+    n, p = model.strains, np.zeros(model.scene.manipulator.units)
+    at = [np.full(n, 0.1), np.full(n, 0.1), np.full(n, 0.1), p]
+    pairs = (("residual_us", model.residual), ("jacobian_us", model.residual_jacobian))
+    found = {}
+    for name, function in pairs:
+        seconds = by_turns(lambda f=function: f(*at), lambda: None, CALLS)  # type: ignore[misc]
+        found[name] = 1e6 * seconds["time_s"]
+    return found
+
+
+@contextmanager
+def _environment(**values: str) -> Iterator[None]:
+    """Some environment variables set for a while."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
