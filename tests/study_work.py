@@ -45,8 +45,8 @@ class Pretended(Family):
     """A series of first and one of second order; numbers depend on the configuration alone.
 
     Keys of the document steer it: `log`, `seconds` a measurement takes, `kill` (what kills its
-    process), `fail` (what has no result, for a reason), `break` (what has a bug), `refuse` (a reason
-    not to measure a family at all).
+    process), `fail` (what has no result, for a reason), `break` (what has a bug), `refuse` (why a
+    family is not measured at all).
     """
 
     name: ClassVar[str] = "pretended"

@@ -9,9 +9,10 @@ from typing import Any
 from softmpc.accuracy.configuration import Configuration
 from softmpc.accuracy.work import MEASURED
 
-__all__ = ["FamilyResult", "Point", "Study"]
+__all__ = ["TO_COME", "FamilyResult", "Point", "Study"]
 
 Numbers = Mapping[str, Any]
+TO_COME = "to be measured"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ class Point:
     @property
     def status(self) -> str:
         """ "measured", "to be measured", or why error or cost could not be had."""
-        states = [part.get("status", "to be measured") for part in (self.error, self.cost)]
+        states = [part.get("status", TO_COME) for part in (self.error, self.cost)]
         return next((state for state in states if state != MEASURED), MEASURED)
 
     def summary(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from softmpc.accuracy.families import FAMILIES
 from softmpc.accuracy.front import front
 from softmpc.accuracy.orders import Fit, fits
-from softmpc.accuracy.points import FamilyResult, Point, Study
+from softmpc.accuracy.points import TO_COME, FamilyResult, Point, Study
 from softmpc.accuracy.work import MEASURED
 from softmpc.study.lengths import length_text
 
@@ -133,7 +133,7 @@ def markdown(study: Study) -> str:
 def time_text(seconds: float) -> str:
     """A time for people: three digits in ns, µs, ms or s."""
     size, unit = _unit(seconds)
-    return f"{seconds / size:.3g} {unit}"
+    return f"{_three(seconds / size)} {unit}"
 
 
 def _state(study: Study) -> str:
@@ -229,7 +229,12 @@ def _time(point: Point) -> str:
     size, unit = _unit(point.time_s)
     spread = point.cost.get("spread_s")
     beside = "" if spread is None else f" ± {spread / size:.2g}"
-    return f"{point.time_s / size:.3g}{beside} {unit}"
+    return f"{_three(point.time_s / size)}{beside} {unit}"
+
+
+def _three(value: float) -> str:
+    """Three digits, or more in front of the point."""
+    return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"
 
 
 def _unit(seconds: float) -> tuple[float, str]:
@@ -241,9 +246,9 @@ def _unit(seconds: float) -> tuple[float, str]:
 
 def _failures(family: FamilyResult) -> list[str]:
     """A line a point without its error or its cost; those that are still to come are counted."""
-    known = [point for point in family.points if point.error or point.cost]
-    bad = [f"{point.name}: {point.status}" for point in known if point.status != MEASURED]
-    left = len(family.points) - len(known)
+    states = [(point.name, point.status) for point in family.points if point.status != MEASURED]
+    bad = [f"{name}: {status}" for name, status in states if status != TO_COME]
+    left = len(states) - len(bad)
     return [*bad, *([f"{left} points that are still to be measured"] if left else [])]
 
 

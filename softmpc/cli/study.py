@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,7 @@ from softmpc.cli.common import (
     OK,
     Answer,
     answering,
+    is_interrupt,
     scene_argument,
     stages,
     write_text,
@@ -70,9 +73,24 @@ def command(
             executor=executor,
             stage=lambda what: stage(what, "measurement"),
         )
+    data, text, judged = conclusions(found), terminal(found), _judge(found, out)
     if out:
-        _write(out, found)
-    return Answer(conclusions(found), terminal(found), *_judge(found, out))
+        try:
+            _write(out, found, _again(scene, quick, families, axes))
+        except BaseException as error:
+            if not is_interrupt(error):
+                raise
+            problem = "interrupted while drawing; the numbers are kept"
+            return Answer(data, text, INTERRUPTED, problem)
+    return Answer(data, text, *judged)
+
+
+def _again(scene: Path, quick: bool, families: Sequence[str], axes: Sequence[str]) -> str:
+    """The command that gives the same report."""
+    words = ["softmpc", "study", scene.name, *(["--quick"] if quick else [])]
+    for option, names in (("--family", families), ("--axis", axes)):
+        words += [word for name in names for word in (option, name)]
+    return shlex.join([*words, "--out", "DIR"])
 
 
 def _judge(found: Study, out: Path | None) -> tuple[int, str]:
@@ -93,11 +111,17 @@ def _judge(found: Study, out: Path | None) -> tuple[int, str]:
     return (NOT_CONVERGED, "; ".join(lost)) if lost else (OK, "")
 
 
-def _write(out: Path, found: Study) -> None:
-    """All files but study.json, which every command has."""
+def _write(out: Path, found: Study, command: str) -> None:
+    """All files but study.json, which every command has; pictures take longest and come last."""
     from softmpc.accuracy.tables import columns, markdown
     from softmpc.simulation.columns import write_columns
+    from softmpc.view.accuracy import study_figures
+    from softmpc.view.accuracy_report import report_html
+    from softmpc.view.style import save_figure
 
     if found.points:
         write_columns(out / "study.csv", columns(found))
     write_text(out / "study.md", markdown(found))
+    for name, figure in study_figures(found).items():
+        save_figure(figure, out / name)
+    write_text(out / "report.html", report_html(found, command))
