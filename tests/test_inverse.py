@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from arms import MIXED, ONE_UNIT, PAPER, SMALL, arm, model_of
 from numpy.testing import assert_allclose
-from test_statics import rod_section
 
 from softmpc.accuracy.rod import solve_rod
+from softmpc.accuracy.rod_of_scene import rod_section
 from softmpc.errors import InputError
 from softmpc.model.actuation import FrictionDrive, PressureDrive, StaticDrive
 from softmpc.model.effects import Gravity, TipLoad

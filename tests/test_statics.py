@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
@@ -11,7 +11,8 @@ import pytest
 from arms import ONE_UNIT, PAPER, SMALL, arm, differences, model_of
 from numpy.testing import assert_allclose
 
-from softmpc.accuracy.rod import RodError, RodSection, RodSolution, solve_rod
+from softmpc.accuracy.rod import RodError, RodSolution, solve_rod
+from softmpc.accuracy.rod_of_scene import rod_section
 from softmpc.errors import InputError
 from softmpc.model.actuation import PressureDrive, StaticDrive
 from softmpc.model.effects import Gravity, TipLoad
@@ -36,11 +37,6 @@ from softmpc.statics.equilibrium import (
 
 MPA = 1e6
 Vector = tuple[float, float, float]
-
-
-def rod_section(section: Section) -> RodSection:
-    shared = {f.name for f in fields(RodSection)}
-    return RodSection(**{name: getattr(section, name) for name in shared})
 
 
 @dataclass(frozen=True)
