@@ -38,12 +38,12 @@ def study_figures(study: Study) -> dict[str, Figure]:
 def _figures(study: Study, family: FamilyResult) -> dict[str, Figure]:
     made = {}
     if seen(family):
-        made[f"work-precision-{family.name}.png"] = work_precision_figure(study, family)
+        made[f"work-precision-{family.name}.png"] = work_precision_figure(family)
     for axis in convergence_axes(family):
         name = re.sub(r"[^a-z0-9]+", "-", axis.lower()).strip("-")
         made[f"convergence-{family.name}-{name}.png"] = convergence_figure(family, axis)
     if changed_points(family):
-        made[f"changes-{family.name}.png"] = changes_figure(study, family)
+        made[f"changes-{family.name}.png"] = changes_figure(family)
     if controller_axes(family):
         made[f"controllers-{family.name}.png"] = controllers_figure(study, family)
     if times_axes(family):

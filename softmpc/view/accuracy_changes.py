@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from softmpc.accuracy.points import FamilyResult, Point, Study
+    from softmpc.accuracy.points import FamilyResult, Point
 
 __all__ = ["CHANGES", "change_m", "changed_points", "changes_figure"]
 
@@ -41,48 +41,53 @@ def changed_points(family: FamilyResult) -> list[Point]:
 
 
 @styled
-def changes_figure(study: Study, family: FamilyResult) -> Figure:
+def changes_figure(family: FamilyResult) -> Figure:
     """Bars of what each effect or drive changes, and of its time beside the scene as given."""
     points = changed_points(family)
     made = figure(10.0, 1.7 + 0.24 * max(4, len(points)),
                   f"What effects and the drive change {TITLES.get(family.name, '')}")  # fmt: skip
+    known = marks(family)
     left, right = made.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     places = np.arange(len(points), dtype=float)
-    _draw_changes(left, study, points, places)
-    _draw_ratios(right, study, points, places)
+    _draw_changes(left, known, points, places)
+    _draw_ratios(right, known, points, places)
     left.set_yticks(places, [_short(point.name) for point in points])
     left.set_ylim(len(points) - 0.4, -0.6)
     for axes in (left, right):
         axes.grid(False, axis="y")
         axes.tick_params(axis="y", length=0)
     shown = list(dict.fromkeys(point.axis for point in points))
-    handles = [left.barh(0, 0, **_bar(marks(study)[axis], axis), label=axis) for axis in shown]
+    handles = [left.barh(0, 0, **_bar(known[axis], axis), label=axis) for axis in shown]
     made.legend(handles=handles, loc="outside lower center", ncols=4)
     return made
 
 
-def _draw_changes(axes: Axes, study: Study, points: Sequence[Point], places: np.ndarray) -> None:
+def _draw_changes(
+    axes: Axes, known: dict[str, Mark], points: Sequence[Point], places: np.ndarray
+) -> None:
     values = np.array([change_m(point) for point in points], float)
     low = 10 ** np.floor(np.log10(values.min()) - 0.3)
     factor = error_unit().factor
     axes.set_xlim(low * factor, values.max() * 25 * factor)
     for point, place, value in zip(points, places, values, strict=True):
-        style = _bar(marks(study)[point.axis], point.axis)
+        style = _bar(known[point.axis], point.axis)
         axes.barh(place, (value - low) * factor, left=low * factor, **style)
         _write(axes, value * factor, place, length_text(value))
     log_scale(axes, "x")
     label(axes, "largest change or error of the tip (mm)", "")
 
 
-def _draw_ratios(axes: Axes, study: Study, points: Sequence[Point], places: np.ndarray) -> None:
+def _draw_ratios(
+    axes: Axes, known: dict[str, Mark], points: Sequence[Point], places: np.ndarray
+) -> None:
     """From 1 on a logarithmic scale: what is faster goes to the left."""
-    known = [(p, place, p.cost["ratio"]) for p, place in zip(points, places, strict=True)
+    shown = [(p, place, p.cost["ratio"]) for p, place in zip(points, places, strict=True)
              if positive(p.cost.get("ratio"))]  # fmt: skip
-    ratios = [ratio for _, _, ratio in known]
+    ratios = [ratio for _, _, ratio in shown]
     low, high = min([0.5, *ratios]), max([2.0, *ratios])
     axes.set_xlim(low / (high / low) ** 0.25, high * (high / low) ** 0.25)
-    for point, place, ratio in known:
-        axes.barh(place, ratio - 1, left=1.0, **_bar(marks(study)[point.axis], point.axis))
+    for point, place, ratio in shown:
+        axes.barh(place, ratio - 1, left=1.0, **_bar(known[point.axis], point.axis))
         _write(axes, ratio, place, f"{ratio:.2f}", before=ratio < 1)
     axes.axvline(1.0, color=INK, linewidth=1.0)
     log_scale(axes, "x")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,7 @@ from softmpc.view.accuracy_style import (
     time_unit,
     varied_keys,
 )
-from softmpc.view.style import COLOURS, LIMIT, dash, figure, label, styled
+from softmpc.view.style import COLOURS, GREY, LIMIT, dash, figure, label, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,13 +38,17 @@ if TYPE_CHECKING:
 __all__ = ["controller_axes", "controllers_figure", "times_axes", "times_figure"]
 
 STEP = "track.controller.step"
+OWN_SCENE = "track.controller.scene."
+IDEAL = "own_plant_m"  # error without an error of the model
+LETTERS = 18  # of a name in one line
 TIMED = ("compilation", "derivatives")
 ACROSS = 4  # panels side by side
 NUMBERS = {  # what numbers of scene files are called, with units
     "horizon": "horizon (steps)",
     "step": "step of the controller (s)",
-    "segments": "segments of the controller a section (number)",
-    "iterations": "iterations a step (number)",
+    "segments": "segments a section (number)",
+    "stages": "stages an interval (number)",
+    "tip_deviation": "deviation of the tip that costs ½ (m)",
 }
 
 
@@ -54,6 +59,7 @@ class Over:
     points: list[Point]
     places: np.ndarray
     label: str
+    given: list[int]  # which of them are the scene as given
     names: list[str] = field(default_factory=list)  # empty where places are numbers
 
 
@@ -61,7 +67,8 @@ def controller_axes(family: FamilyResult) -> list[str]:
     """Axes of the arm under control with something to show."""
     if family.name != "loop":
         return []
-    return [axis for axis in family.axes if axis != AS_GIVEN and _shown(family.axis(axis))]
+    others = [axis for axis in family.axes if axis not in (AS_GIVEN, *TIMED)]
+    return [axis for axis in others if _shown(family.axis(axis))]
 
 
 @styled
@@ -88,25 +95,34 @@ def _draw_pair(
 ) -> None:
     """Errors above, times below, over the same places."""
     over = _over(study, family, axis)
-    mark = marks(study)[axis]
+    mark = marks(family)[axis]
     known = FAMILIES[family.name]
-    parts = (
-        (pair[0], error_unit(), [p.proved_m for p in over.points], known.error_label),
-        (pair[1], unit, [p.time_s for p in over.points], known.cost_label),
-    )
-    for axes, scale, values, text in parts:
+    ideal = [p.error.get(IDEAL) for p in over.points]
+    _plot(pair[0], over, ideal, error_unit(), color=GREY, marker=".", linestyle=(0, (2, 1.5)),
+          label="on the controller's own model")  # fmt: skip
+    line = {"color": mark.colour, "marker": mark.marker, "linestyle": "none" if over.names else "-"}
+    errors, times = [p.proved_m for p in over.points], [p.time_s for p in over.points]
+    for axes, scale, values, text in (
+        (pair[0], error_unit(), errors, known.error_label),
+        (pair[1], unit, times, known.cost_label),
+    ):
         axes.set_visible(True)
-        ok = [i for i, value in enumerate(values) if positive(value)]
-        y = np.array([values[i] for i in ok], float) * scale.factor
-        line = "none" if over.names else "-"
-        axes.plot(over.places[ok], y, color=mark.colour, marker=mark.marker, linestyle=line)
-        given = [k for k, i in enumerate(ok) if over.points[i].axis == AS_GIVEN]
-        axes.plot(over.places[ok][given], y[given], **GIVEN, label="the scene as given")
+        _plot(axes, over, values, scale, **line)
+        given = [v if i in over.given else None for i, v in enumerate(values)]
+        _plot(axes, over, given, scale, **GIVEN, label="the scene as given")
         label(axes, over.label, _broken(scale.label(text)))
     pair[0].set_title(axis, loc="left")
     _draw_budget(pair[1], study, over, unit)
     for axes in pair:
         _set_scales(axes, over)
+
+
+def _plot(axes: Axes, over: Over, values: Sequence[Any], unit: Unit, **style: Any) -> None:
+    """Values that can be shown, over their places."""
+    ok = [i for i, value in enumerate(values) if positive(value)]
+    if ok:
+        y = np.array([values[i] for i in ok], float) * unit.factor
+        axes.plot(over.places[ok], y, **style)
 
 
 def _draw_budget(axes: Axes, study: Study, over: Over, unit: Unit) -> None:
@@ -124,20 +140,27 @@ def _draw_budget(axes: Axes, study: Study, over: Over, unit: Unit) -> None:
 
 def _over(study: Study, family: FamilyResult, axis: str) -> Over:
     """Where the points of an axis are drawn, the scene as given among them."""
-    own = _shown(family.axis(axis))
-    given = family.as_given
-    points = [given, *own] if given and _shown([given]) else own
+    points, given = _shown(family.axis(axis)), family.as_given
+    same = [p for p in points if given and p.configuration.identity == given.configuration.identity]
+    if given and not same and _shown([given]):
+        points, same = [given, *points], [given]
     for key in varied_keys(points):
-        values = [p.configuration.changes.get(key, read_key(study.document, key)) for p in points]
-        numbers = [value for value in values if positive(value) and not isinstance(value, bool)]
-        if len(set(numbers)) > 1 and len(numbers) >= len(own):
-            kept = [(v, p) for v, p in zip(values, points, strict=True) if positive(v)]
-            kept.sort(key=lambda pair: pair[0])
+        values = [_value(study, point, key) for point in points]
+        if all(positive(value) for value in values) and len(set(values)) == len(values):
+            order = np.argsort(values)
             last = key.rpartition(".")[2]
             text = NUMBERS.get(last, f"{last.replace('_', ' ')} (as in the scene file)")
-            return Over([p for _, p in kept], np.array([v for v, _ in kept], float), text)
-    names = [p.name.replace("$", r"\$") for p in points]
-    return Over(points, np.arange(len(points), dtype=float), f"{axis} (by name)", names)
+            points, places = [points[i] for i in order], np.array(values, float)[order]
+            return Over(points, places, text, [points.index(p) for p in same])
+    names = ["\n".join(textwrap.wrap(p.name.replace("$", r"\$"), LETTERS)) for p in points]
+    places = np.arange(len(points), dtype=float)
+    return Over(points, places, f"{axis} (by name)", [points.index(p) for p in same], names)
+
+
+def _value(study: Study, point: Point, key: str) -> Any:
+    """Of a key of scene files; a controller without a scene of its own has that of the file."""
+    value = read_key(changed(study.document, point.configuration.changes), key)
+    return read_key(study.document, key.removeprefix(OWN_SCENE)) if value is None else value
 
 
 def _set_scales(axes: Axes, over: Over) -> None:

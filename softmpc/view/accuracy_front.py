@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +52,7 @@ def seen(family: FamilyResult) -> list[Point]:
 
 
 @styled
-def work_precision_figure(study: Study, family: FamilyResult) -> Figure:
+def work_precision_figure(family: FamilyResult) -> Figure:
     """All points of a family, an axis a mark, and its front with names.
 
     Points below the doubt of the reference are drawn at it, and hollow. Labels have their units.
@@ -59,7 +60,7 @@ def work_precision_figure(study: Study, family: FamilyResult) -> Figure:
     made = figure(11.0, 6.4, TITLES.get(family.name, family.name))
     axes: Axes = made.subplots()
     units = _units(family)
-    lines = _lines(family, marks(study))
+    lines = _lines(family, marks(family))
     for points, style in lines:
         x, y = _data(points, units)
         axes.plot(x, y, **style)
@@ -185,6 +186,10 @@ def _wrapped(name: str, letters: int = LETTERS) -> str:
     """On lines that are no longer than that, broken at commas where it can be."""
     if len(name) <= letters:
         return name
-    head, comma, tail = name.rpartition(", ")
-    parts = [head + ",", tail] if comma else [name]
-    return "\n".join(line for part in parts for line in textwrap.wrap(part, letters))
+    lines: list[str] = []
+    for part in re.split(r"(?<=,) ", name):
+        if lines and len(lines[-1]) + len(part) < letters:
+            lines[-1] += f" {part}"
+        else:
+            lines += textwrap.wrap(part, letters)
+    return "\n".join(lines)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-    from softmpc.accuracy.points import Point, Study
+    from softmpc.accuracy.points import FamilyResult, Point
 
 __all__ = [
     "DOUBT", "GIVEN", "MARKERS", "Mark", "Unit", "error_unit", "log_scale", "marks", "outside",
@@ -61,9 +61,9 @@ class Unit:
         return f"{head} ({self.name})" if bracket else f"{text} ({self.name})"
 
 
-def marks(study: Study) -> dict[str, Mark]:
-    """The mark of each axis, the same in all pictures of a study."""
-    axes = dict.fromkeys(point.axis for point in study.points if point.axis != AS_GIVEN)
+def marks(family: FamilyResult) -> dict[str, Mark]:
+    """The mark of each axis, the same in all pictures of a family."""
+    axes = [axis for axis in family.axes if axis != AS_GIVEN]
     return {
         axis: Mark(MORE_COLOURS[i % len(MORE_COLOURS)], MARKERS[i % len(MARKERS)])
         for i, axis in enumerate(axes)
