@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib
@@ -42,24 +43,34 @@ def main() -> None:
 
 
 def draw_frame() -> plt.Figure:
-    """The hanging arm from the side: at rest, and with one unit of section 1 under pressure."""
-    arm = chen2022()
-    model = build(Scene(arm, segments=2))
-    figure, axes = plt.subplots(1, 2, figsize=(7.6, 4.2), sharey=True)
-    cases = (
-        ("unit 1 at 0.6 MPa", {1: PRESSURE}),
-        ("unit 4 at 0.6 MPa", {4: PRESSURE}),
-    )
-    for ax, (title, given) in zip(axes, cases, strict=True):
+    """The hanging arm from the side, bent by one unit: base frame, frames of the ends, gravity."""
+    model = build(Scene(chen2022(), segments=2))
+    figure, axes = plt.subplots(1, 2, figsize=(8.6, 5.0), sharey=True)
+    for ax, unit in zip(axes, (1, 4), strict=True):
         _side_view(ax, model, {}, faded=True)
-        _side_view(ax, model, given)
+        _side_view(ax, model, {unit: PRESSURE})
         _base_frame(ax)
-        ax.set_title(title)
-        ax.set(xlim=(-0.36, 0.36), ylim=(0.54, -0.06), aspect="equal")
+        ax.set_title(f"unit {unit} at {PRESSURE / 1e6:g} MPa")
+        ax.set(xlim=(-0.42, 0.46), ylim=(0.58, -0.08), aspect="equal")
         ax.axis("off")
-    axes[0].text(0.24, 0.34, "g", ha="left", va="center", style="italic")
+    axes[0].text(0.245, 0.33, "gravity g", ha="left", va="center", style="italic")
     _arrow(axes[0], (0.22, 0.27), (0.22, 0.39), INK)
+    _lengths(axes[1], model)
     return figure
+
+
+def _lengths(ax: Axes, model: Model) -> None:
+    """Dimension lines of the sections at rest, beside the arm."""
+    ends, x = [0.0], 0.27
+    for length in (section.length for section in model.scene.manipulator.sections):
+        ends.append(ends[-1] + length)
+    for number, (top, bottom) in enumerate(pairwise(ends), 1):
+        ax.annotate(
+            "", (x, bottom), (x, top),
+            arrowprops={"arrowstyle": "<|-|>", "color": INK, "lw": 1, "shrinkA": 0, "shrinkB": 0},
+        )  # fmt: skip
+        said = f"section {number}\n{bottom - top:g} m at rest"
+        ax.text(x + 0.015, (top + bottom) / 2, said, ha="left", va="center", fontsize=9)
 
 
 def _side_view(ax: Axes, model: Model, given: dict[int, float], faded: bool = False) -> None:
@@ -70,15 +81,24 @@ def _side_view(ax: Axes, model: Model, given: dict[int, float], faded: bool = Fa
     for section, piece in enumerate((points[:, : half + 1], points[:, half:])):
         color = PALE if faded else COLORS[section]
         ax.plot(piece[0], piece[2], color=color, lw=2 if faded else 5, solid_capstyle="butt")
-        if not faded:
-            x, _, z = at_rest.tips[section]
-            ax.plot(x, z, "o", color="white", mec=color, mew=2, ms=7, zorder=5)
-            name = f"end of section {section + 1}" if section == 0 else "tip"
-            side = -1 if x < 0 else 1
-            ax.annotate(
-                name, (x, z), (10 * side, 2), textcoords="offset points", color=color,
-                ha="left" if side > 0 else "right",
-            )  # fmt: skip
+    if not faded:
+        for section, name in enumerate(("end of section 1", "tip")):
+            _end_frame(ax, model, at_rest.q, section, name)
+
+
+def _end_frame(ax: Axes, model: Model, q: object, section: int, name: str) -> None:
+    """Axes x and z of the frame at the end of a section (y stays out of the page), and its name."""
+    tips, rotations = (np.asarray(found) for found in model.frames(q))
+    tip, turn = tips[:, section], rotations[:, 3 * section : 3 * section + 3]
+    color = COLORS[section]
+    x, z = turn[:, 0], turn[:, 2]
+    for letter, along, at in (("x", x, 0.098 * x), ("z", z, 0.075 * z - 0.024 * x)):
+        _arrow(ax, tip[[0, 2]], (tip + 0.075 * along)[[0, 2]], color)
+        ax.text(*(tip + at)[[0, 2]], letter, color=color, ha="center", va="center")
+    ax.plot(tip[0], tip[2], "o", color="white", mec=color, mew=2, ms=8, zorder=5)
+    ax.plot(tip[0], tip[2], ".", color=color, ms=4, zorder=6)
+    beside = tip - 0.03 * x
+    ax.text(beside[0], beside[2], name, color=color, ha="right", va="center")
 
 
 def _base_frame(ax: Axes) -> None:
@@ -105,6 +125,9 @@ def draw_units() -> plt.Figure:
             x, y = 1e3 * x, 1e3 * y
             ax.add_patch(Circle((x, y), 15.0, fill=False, color=COLORS[s], lw=1.6))
             ax.text(x, y, str(unit), ha="center", va="center", fontsize=15, color=COLORS[s])
+            angle = np.degrees(np.arctan2(y, x)) % 360
+            beyond = 42 * np.array((x, y)) / np.hypot(x, y)
+            ax.text(*beyond, f"{angle:.0f}°", ha="center", va="center", color=INK)
             away = -np.array((x, y)) / np.hypot(x, y)
             _arrow(ax, 34 * away, 50 * away, COLORS[s])
             ax.text(*(56 * away), f"$P_{unit}$", ha="center", va="center", color=COLORS[s])
