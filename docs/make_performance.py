@@ -18,11 +18,13 @@ from performance_rows import (  # noqa: E402
     COUNTED,
     DETAILS,
     FACTORS,
+    MOTIONS,
     PARTS,
     PEERS,
     QUALITY,
     SEGMENTS,
     SOLVERS,
+    TEXT,
 )
 
 from tests.benchmarks.comparing import BAND  # noqa: E402
@@ -60,6 +62,11 @@ def plain(value: float | None) -> str:
     if float(value).is_integer() or abs(value) >= 1000:
         return f"{value:,.0f}"
     return f"{value:.3g}"
+
+
+def exact(value: float | None) -> str:
+    """Five places, for what is nearly one."""
+    return "–" if value is None else f"{value:.5f}"
 
 
 def time(seconds: float | None) -> str:
@@ -100,6 +107,16 @@ def peers(n: Numbers) -> str:
     return table(("ours", "beside", "its time over ours", "benchmark", "details"), rows)
 
 
+def motions(n: Numbers) -> str:
+    rows = []
+    for name in MOTIONS:
+        of = ("times_real_time_ratio", "compiled_times_real_time_ratio", "error_mm")
+        rows.append(
+            [f"`{name}`", *(plain(n.value("simulating", f"{name}_1_segments_{w}")) for w in of)]
+        )
+    return table(("motion", "virtual machine", "compiled", "error, mm"), rows)
+
+
 def instruction_counts(n: Numbers) -> str:
     rows = []
     for what, name in COUNTED.items():
@@ -118,7 +135,7 @@ def step_times(n: Numbers) -> str:
                 n.value("controllers", f"{name}_{last}") for last in ("iterations", "cost_over_sqp")
             ]
             times = [n.seconds("controllers", f"{name}_step_{c}_median") for c in ("ms", "cpu_ms")]
-            rows.append([what, word, *map(time, times), *map(plain, of)])
+            rows.append([what, word, *map(time, times), plain(of[0]), exact(of[1])])
     head = ("solver", "torque", "by the clock", "processor", "iterations", "cost over SQP's")
     return table(head, rows)
 
@@ -142,10 +159,18 @@ def factors(n: Numbers) -> str:
 
 def quality(n: Numbers) -> str:
     rows = (
-        [what, f"{plain(n.value(b, name))} {unit}".strip(), f"`{b}`", link(b)]
-        for what, b, name, unit in QUALITY
+        [what, with_unit(n, b, name, unit), f"`{b}`", link(b)] for what, b, name, unit in QUALITY
     )
     return table(("what", "value", "benchmark", "details"), rows)
+
+
+def with_unit(n: Numbers, benchmark: str, name: str, unit: str) -> str:
+    """A value with its unit, or a count "of" another one."""
+    value = n.value(benchmark, name)
+    if unit.startswith("of "):
+        unit = f"of {plain(n.value(benchmark, unit[3:]))}"
+    text = exact(value) if "over" in name else plain(value)
+    return f"{text} {unit}".strip() if value is not None else text
 
 
 def overview(run: Run) -> str:
@@ -158,91 +183,6 @@ def overview(run: Run) -> str:
                 took = "–" if found is None else f"{found.seconds:.0f} s"
                 rows.append([part, f"`{name}`", purpose(name), status, took, link(name)])
     return table(("part", "name", "what it is for", "status", "took", "details"), rows)
-
-
-TEXT = """\
-# Performance
-
-What is fast, what is not, and beside what. One command in a checkout runs the benchmarks of all
-parts, each in a process of its own with one BLAS thread:
-
-```bash
-python -m tests.benchmarks --quick --store
-python docs/make_performance.py
-```
-
-The second writes this page from the stored run; every number that was measured is one of it.
-
-{machine}
-
-Quick runs are short, and so are their paths, seeds and repeats: pages with details say what
-longer ones gave. Times are medians. On a machine that does other work, medians of the same
-program differ, so the command tells of a time only where it changed by more than a factor of
-{band}; ratios within a run are better, and counts of instructions are exact.
-
-## What one waits for
-
-The paper's arm, two sections of one segment with their hydraulics unless it says otherwise, the
-quickest first. A controller of 40 steps a second has 25 ms.
-
-{calls}
-
-## Beside others
-
-On the same problem, in the same run. Above 1, ours is quicker. The pages say what is alike and
-what is not.
-
-{peers}
-
-soromox and do-mpc are optional (`pip install soromox do-mpc`); acados gets an environment of its
-own, made on the first run. A dash means that one was not installed.
-
-## Size of the model
-
-Instructions that one call executes in CasADi's virtual machine, by segments a section (with
-rotary inertia, in air). They are the same on every machine with this CasADi, and the command ends
-with status 3 where one grew.
-
-{instructions}
-
-## A controller step
-
-25 ms, 20 intervals, 34 states. "Saturated" is the same circle with the torque limited to less
-than it asks for. Whole steps, Python included.
-
-{steps}
-
-## Where the time goes
-
-In C, of one step on a path within the limits:
-
-{parts}
-
-What other choices cost, as a factor of the plain case:
-
-{factors}
-
-Compiling pays where a function is called often ([](compiled.md)); derivatives by recursion are
-what keeps long arms usable ([](model.md#derivatives)). What is slow is slow once: building and
-compiling a controller, planning, a workspace.
-
-## How good the answers were
-
-Speed without an error means nothing, so here are some of the same run:
-
-{quality}
-
-## The benchmarks
-
-`python -m tests.benchmarks NAME …` runs some of them, `python -m tests.benchmarks.NAME` prints
-the table of one, with options of its own (`--help`). `--full` takes hours and does what the pages
-quote; `--resume` goes on with a run that was interrupted; `--compare FILE` compares with another
-stored run than the last. The exit status is 3 where a benchmark failed or a count of instructions
-grew. A benchmark is a module of `tests/benchmarks` with a function `numbers(quick)` that gives
-what it measured as plain numbers; it is listed in `listing.py`.
-
-{overview}
-"""
 
 
 def about(run: Run) -> str:
@@ -270,6 +210,7 @@ def page(run: Run) -> str:
         band=BAND,
         calls=calls(n),
         peers=peers(n),
+        motions=motions(n),
         instructions=instruction_counts(n),
         steps=step_times(n),
         parts=parts_in_c(n),

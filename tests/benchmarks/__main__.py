@@ -61,7 +61,8 @@ class Bench:
                 run.benchmarks[name] = self.measure(name, run.mode)
                 save(run, self.file)
             result = run.benchmarks[name]
-            rows = changes(result, before and before.benchmarks.get(name), same)
+            old = None if before is None else before.benchmarks.get(name)
+            rows = changes(result, old, same)
             print("\n".join([*table(rows), f"  {result.status}, {told_time(result)}"]), flush=True)
             found += [replace(row, name=f"{name}: {row.name}") for row in rows]
         return found

@@ -46,13 +46,13 @@ def measured(name: str) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         plant = compiled_plant(model, setup.ocp.model, Path(folder), ("-O2",))
         began = time.process_time()
-        found = run_c(plant, x, inputs, step)
+        ours = run_c(plant, x, inputs, step)
         spent = time.process_time() - began
     oracle, states = Idas(model, 1e-10), [x[None]]
     for u in inputs:
         states.append(oracle.advance(states[-1][-1], u, step, SAMPLES))
     wanted = np.vstack(states)[1:]
-    off = np.linalg.norm(tips_of(model, found) - tips_of(model, wanted), axis=1).max()
+    off = np.linalg.norm(tips_of(model, ours) - tips_of(model, wanted), axis=1).max()
     seconds = len(inputs) * step
     found = {"states_count": len(x), "motion_s": seconds, "tip_m_most": float(off)}
     return found | {"cpu_ms_a_second": 1e3 * spent / seconds}

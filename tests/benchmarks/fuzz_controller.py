@@ -162,10 +162,10 @@ def fuzz(scene: str, args: argparse.Namespace, flags: Sequence[str]) -> Fuzzed:
 
 
 def numbers(quick: bool) -> dict[str, float]:
-    """20,000 steps in quick mode, else 1,000,000; wrong steps, time, and what compiling gives."""
+    """4,000 steps in quick mode, else 1,000,000; wrong steps, time, and what compiling gives."""
     if shutil.which("gcc") is None:
         raise LeftOut("needs gcc")
-    args = arguments_of(["--steps", "20000" if quick else "1000000"])
+    args = arguments_of(["--steps", "4000" if quick else "1000000"])
     found = fuzz(args.scene, args, (*RELEASE, *FLAGS))
     numbers = {
         "steps_count": float(found.steps),

@@ -98,8 +98,8 @@ def measured(scene: Scene, azimuths: int, polars: int, samples: int) -> dict[str
 
 
 def numbers(quick: bool) -> dict[str, float]:
-    """One and two sections on a coarse grid in quick mode; else all arms as printed."""
-    chosen = {n: s for n, s in scenes() if not quick or n in ("one section", "two sections")}
+    """Two sections on a coarse grid in quick mode; else all arms as printed."""
+    chosen = {name: scene for name, scene in scenes() if not quick or name == "two sections"}
     grid = (8, 7, 500) if quick else (24, 13, 10_000)
     found = {name: measured(scene, *grid) for name, scene in chosen.items()}
     return {key(name, what): v for name, each in found.items() for what, v in each.items()}
