@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ from softmpc.errors import SceneError
 if TYPE_CHECKING:
     import pytest
 
+ROOT = Path(__file__).resolve().parents[1]
 SIZES = (1, 2, 4)
 REFERENCES = ("coarse", "fine")
 
@@ -120,6 +123,16 @@ def only_fakes(patch: pytest.MonkeyPatch) -> None:
     for name, family in FAKES.items():
         patch.setitem(FAMILIES, name, family)
     patch.setattr(study, "Measure", Measuring)
+
+
+def start(*arguments: object) -> subprocess.Popen[str]:
+    """`study_runs.py` in a process group of its own, as in a terminal."""
+    environment = os.environ | {"PYTHONPATH": f"{ROOT / 'tests'}{os.pathsep}{ROOT}"}
+    command = [sys.executable, str(ROOT / "tests" / "study_runs.py"), *map(str, arguments)]
+    return subprocess.Popen(
+        command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        start_new_session=True,
+    )  # fmt: skip
 
 
 def _work(task: Task, what: str) -> None:

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import study_work
-from study_work import SIZES, Noted, Pretended, noted
+from study_work import SIZES, Noted, Pretended, noted, start
 
 from softmpc import InputError
 from softmpc.accuracy import study
@@ -25,7 +24,6 @@ from softmpc.accuracy.points import Study
 from softmpc.accuracy.study import run_study
 from softmpc.accuracy.work import Case, Measure
 
-ROOT = Path(__file__).resolve().parents[1]
 BY_NAME = {one.name: one.identity for one in Pretended().configurations(Task({}))}
 DISTINCT = 1 + 2 * len(SIZES)  # configurations of the pretended family
 
@@ -175,23 +173,13 @@ def test_same_results_in_processes(log: Path) -> None:
 def test_same_results_on_dask(log: Path, tmp_path: Path) -> None:
     """On a cluster of this machine; times are still measured by this one, alone."""
     pytest.importorskip("distributed")
-    with start("study_runs", log, tmp_path / "kept") as made:
+    with start("dask", log, tmp_path / "kept") as made:
         out, error = made.communicate(timeout=120)
     assert made.returncode == 0, error
     assert json.loads(out) == table(run(tmp_path / "log 2", families=["other"]))
     workers = {one.process for one in noted(log) if " cost " not in one.what}
     times = {one.process for one in noted(log) if " cost " in one.what}
     assert made.pid not in workers | times and not workers & times
-
-
-def start(script: str, *arguments: object) -> subprocess.Popen[str]:
-    """A script of the tests in a process group of its own, as in a terminal."""
-    environment = os.environ | {"PYTHONPATH": f"{ROOT / 'tests'}{os.pathsep}{ROOT}"}
-    command = [sys.executable, str(ROOT / "tests" / f"{script}.py"), *map(str, arguments)]
-    return subprocess.Popen(
-        command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        start_new_session=True,
-    )  # fmt: skip
 
 
 # ---------------------------------------------------------------- times alone
@@ -334,7 +322,7 @@ def test_killed_at_any_moment(log: Path, tmp_path: Path) -> None:
     keep, random, kept, before = tmp_path / "kept", np.random.default_rng(9), set[str](), done(log)
     kills = 0
     while True:
-        with start("study_runs", log, keep, 2) as process:
+        with start("run", log, keep, 2) as process:
             gone = killed(process, keep, int(random.integers(1, 4)), float(random.uniform(0, 0.4)))
             out = "" if gone else process.stdout.read()
         time.sleep(0.5)  # workers look for their parent, and may note what nobody waits for

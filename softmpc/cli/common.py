@@ -160,6 +160,7 @@ def stages(first: str, unit: str) -> Iterator[Stage]:
                     bar.unit = unit
                     bar.set_description(what, refresh=False)
                     bar.reset(total)
+                    bar.delay = 0.0  # that has shown it, so its line is to be ended
                 bar.total = total
                 bar.update(done - bar.n)
 
