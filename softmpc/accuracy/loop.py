@@ -2,18 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar
+
+import numpy as np
 
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.family import Family, Numbers
-from softmpc.errors import SceneError
+from softmpc.accuracy.loop_axes import loop_axes
+from softmpc.accuracy.loop_cost import loop_cost
+from softmpc.accuracy.loop_task import (
+    LONGEST,
+    coarser,
+    controlled,
+    fine_scene,
+    on_plant,
+    prepared,
+    tracking,
+    why_no_loop,
+)
+from softmpc.control.closed_loop import Controller
+from softmpc.control.track_result import TrackResult
+from softmpc.control.tracking import Setup
+from softmpc.errors import InputError, unknown_name
+from softmpc.simulation.integrator import IntegrationError
 
 __all__ = ["Loop"]
 
+PLANT = "plant"
+PATIENCE = {True: 180.0, False: 900.0}  # s that one run may take, by `quick`
+AS_GIVEN = Configuration("", "")
+
 
 class Loop(Family):
-    """The arm under control: the tip on its path, on a fine plant."""
+    """The arm under control: the tip on its path, on a fine plant.
+
+    The plant is that of the scene with more segments, the same for all configurations; those change
+    the controller alone, and what it takes the arm for. The controller knows the plant's state and
+    nothing of what its model lacks. So its accuracy ends where its model does: `own_plant_m` is the
+    error of the same controller on its own model.
+    """
 
     name: ClassVar[str] = "loop"
     about: ClassVar[str] = (
@@ -22,22 +52,98 @@ class Loop(Family):
     error_label: ClassVar[str] = "largest tip error in closed loop (m)"
     cost_label: ClassVar[str] = "controller step, 95 % (s)"
 
+    def fitted(self, axis: str) -> tuple[str, ...]:
+        """None: what is left is the model's error, and no theory says how it falls."""
+        return ()
+
     def missing(self, task: Task) -> str:
-        return "not written yet"
+        return why_no_loop(task)
 
     def configurations(self, task: Task) -> Sequence[Configuration]:
-        return []
+        return list(loop_axes(task))
 
     def references(self, task: Task) -> Sequence[str]:
-        return []
+        return (PLANT,)
 
     def reference(self, task: Task, name: str) -> Numbers:
-        raise SceneError(self.missing(task))
+        """What the plant is; nothing is run for it."""
+        if name != PLANT:
+            raise InputError(unknown_name("reference", name, [PLANT]))
+        scene, asked = tracking(task, AS_GIVEN)
+        less, method = coarser(fine_scene(task)).segments, asked.plant.method
+        plant = asked.plant.scene or scene
+        about = (
+            f"a plant with {plant.segments} segments a section, {method.name}, "
+            f"{asked.reference.duration:g} s of the path; in doubt by the difference from one with "
+            f"{less}"
+        )
+        short = f" (of a longer path {LONGEST[task.quick]:g} s)"
+        return {"segments": plant.segments, "coarser": less, "about": about + short}
 
     def error(
         self, task: Task, configuration: Configuration, references: Mapping[str, Numbers]
     ) -> Numbers:
-        raise SceneError(self.missing(task))
+        """The largest distance of the tip from its reference once settled, `error_m`.
+
+        `rms_m` with it; `variation` of all inputs; `failures`, steps that are not solved; `cost` of
+        the closed loop by the deviations of the scene as given, a step as long as there.
+        `own_plant_m` is the error on the controller's own model. `doubt_m` is how much `error_m`
+        differs on a plant with three quarters of the segments.
+        """
+        scene, asked = tracking(task, configuration)
+        setup = prepared(scene, asked)
+        model = asked.controller.scene
+        assert asked.plant.scene is not None and model is not None
+        less = on_plant(setup, coarser(asked.plant.scene), scene)
+        own = on_plant(setup, model, scene)
+        patience = PATIENCE[task.quick]
+        with controlled(setup, configuration.variant) as controller:
+            run, other, ideal = (_run(one, controller, patience) for one in (setup, less, own))
+        found = _errors(run)
+        return found | {
+            "doubt_m": abs(found["error_m"] - _errors(other)["error_m"]),
+            "own_plant_m": _errors(ideal)["error_m"],
+            "cost": _cost(run, setup, task),
+            "failures": run.failures,
+            "variation": run.variation,
+        }
 
     def cost(self, task: Task, configuration: Configuration) -> Numbers:
-        raise SceneError(self.missing(task))
+        return loop_cost(task, configuration)
+
+
+def _run(setup: Setup, controller: Controller, patience: float) -> TrackResult:
+    """The loop to its end; raises `IntegrationError` where it does not come there."""
+    run = setup.run(controller, _waiting(time.perf_counter() + patience))
+    if run.status == "interrupted":
+        raise KeyboardInterrupt
+    if run.status != "finished":
+        raise IntegrationError(run.status)
+    return run
+
+
+def _waiting(until: float) -> Callable[[int, int], None]:
+    def waiting(done: int, steps: int) -> None:
+        if time.perf_counter() > until:
+            raise IntegrationError(f"takes too long, {done} of {steps} steps are done")
+
+    return waiting
+
+
+def _errors(run: TrackResult) -> Numbers:
+    """Largest and RMS, m."""
+    off = run.error[run.time >= run.settle]
+    return {"error_m": float(off.max()), "rms_m": float(np.sqrt(np.mean(off**2)))}
+
+
+def _cost(run: TrackResult, setup: Setup, task: Task) -> float | None:
+    """By the deviations of the scene as given: each cost is a square over its own squared."""
+    given = tracking(task, AS_GIVEN)[1].controller
+    theirs = {cost.name: cost.deviation for cost in given.costs}
+    own = {cost.name: cost.deviation for cost in setup.ocp.costs}
+    if not run.costs:
+        return None
+    paid = sum(
+        value * (own[name] / theirs.get(name, own[name])) ** 2 for name, value in run.costs.items()
+    )
+    return float(paid * setup.ocp.step / given.step)

@@ -181,10 +181,12 @@ def set_up(
     task: Tracking,
     disturbance: Callable[[Scene], Disturbance] | None = None,
     progress: Progress | None = None,
+    clearance: bool = True,
 ) -> Setup:
     """Models, checks before the run, controller and start of a task.
 
     `disturbance` makes, of the controller's scene, what its problem is told of in each step.
+    Without `clearance` nobody looks for the distance to the edge, which takes most of the time.
     """
     plant_scene = scene if task.plant.scene is None else task.plant.scene
     plant, motion = build(plant_scene), motion_of(task.reference)
@@ -225,7 +227,9 @@ def set_up(
         guide,
         mpc,
         start_at(plant, rest.found[0].posture),
-        _clearance(inverse, task.reference, rest, part_of(progress, len(rest.found))),
+        _clearance(inverse, task.reference, rest, part_of(progress, len(rest.found)))
+        if clearance
+        else None,
     )
 
 
