@@ -23,22 +23,24 @@ __all__ = ["ADDED_EFFECTS", "DRIVE", "STRAINS", "changes_of", "motion_axes"]
 STRAINS, EFFECTS_OUT, ADDED_EFFECTS = "strains", "effects", "effects added"
 DRIVE, INTEGRATOR = "drive", "integrator"
 FRICTION = 100.0  # N, where the scene has none: a fifteenth of what would explain the efficiency
-QUICK_SERIES = ("lumped mass", "2 Gauss points", "paper arc, 2 Gauss points")
 PRINTED = "formulation"
+# Quick studies have these series alone, with so many segments at most.
+QUICK = {"lumped mass": 8, "2 Gauss points": 8, "paper arc, 2 Gauss points": 4}
 MOST_PRINTED = {True: 1, False: 2}  # segments a section, by `quick`
+COUNTS = {True: (2,), False: (1, 2, 4)}  # of derivatives and compilation
+RARE = ("rotor_inertia", "cavitation", "end_stops", "back_driving")  # effects of the drive
 
 
 def motion_axes(task: Task) -> Iterator[Configuration]:
     """All configurations, the scene as given first."""
     scene = scene_from_dict(dict(task.document))
     yield from (one for one in model_axes(task) if _affordable(task, one))
-    yield from _scene_axes(scene)
+    yield from _scene_axes(scene, task.quick)
     yield from integrator_axis(task)
-    counts = (1, 2) if task.quick else (1, 2, 4)
-    for count in counts:
+    for count in COUNTS[task.quick]:
         for variant in DERIVATIVES:
             yield _counted("derivatives", count, variant, variant=variant)
-    for count in counts:
+    for count in COUNTS[task.quick]:
         for name, mode in COMPILE.items():
             yield _counted("compilation", count, name, compile=mode)
 
@@ -50,8 +52,10 @@ def _affordable(task: Task, one: Configuration) -> bool:
     sections that takes 9 s, at 4 more than 5 minutes.
     """
     if one.axis == PRINTED:
-        return one.changes["model.segments"] <= MOST_PRINTED[task.quick]
-    return not task.quick or not one.series or one.series in QUICK_SERIES
+        return bool(one.changes["model.segments"] <= MOST_PRINTED[task.quick])
+    if not task.quick or not one.series:
+        return True
+    return bool(one.changes["model.segments"] <= QUICK.get(one.series, 0))
 
 
 def _counted(
@@ -61,11 +65,11 @@ def _counted(
     return Configuration(axis, told, {"model.segments": count}, compile=compile, variant=variant)
 
 
-def _scene_axes(scene: Scene) -> Iterator[Configuration]:
+def _scene_axes(scene: Scene, quick: bool) -> Iterator[Configuration]:
     """Strains and effects left out, effects added, and other drives."""
     for change in [*variants(scene), *additions(scene)]:
         axis = _axis(scene, change)
-        if axis is None:
+        if axis is None or (quick and _is_special(change)):
             continue
         try:
             yield Configuration(axis, change.name, changes_of(scene, change))
@@ -92,6 +96,14 @@ def _axis(scene: Scene, change: Change) -> str | None:
     if issubclass(next(k for k in EFFECTS if k.name == name), DriveEffect):
         return DRIVE
     return ADDED_EFFECTS if change.kind == ADDED else EFFECTS_OUT
+
+
+def _is_special(change: Change) -> bool:
+    """What a quick study does without: it says where the arm is, or is seldom seen in a motion."""
+    name = change.slot.partition(" ")[2]
+    added = next((kind for kind in EFFECTS if kind.name == name and change.kind == ADDED), None)
+    planar = change.slot == "strains" and change.name.startswith("planar")
+    return planar or name in RARE or (added is not None and added.surroundings)
 
 
 def changes_of(scene: Scene, change: Change) -> dict[str, Any]:

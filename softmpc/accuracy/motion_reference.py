@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,10 @@ from softmpc.model.model import Model
 from softmpc.model.scene_file import scene_from_dict
 from softmpc.simulation.result import Simulation
 
-__all__ = ["AS_GIVEN", "COARSER", "FINE", "REFERENCES", "TIGHT_RUNS", "distances", "reference"]
+__all__ = [
+    "AS_GIVEN", "COARSER", "FINE", "REFERENCES", "TIGHT_RUNS", "distances", "limit", "reference",
+    "weights",
+]  # fmt: skip
 
 FINE, COARSER, AS_GIVEN = "fine", "coarser", "as given"
 TIGHT_RUNS = {  # independent of each other: neither shares its formulas with the other
@@ -31,8 +34,8 @@ BEST = {
     "model.kinematics": "constant-strain",
 }
 TIP_TOLERANCE = 1e-7  # m, of a step
-# Errors of a scene of n segments are a n⁻² + b n⁻⁴ + …: of n, 2n and 4n these leave neither.
-WEIGHTS = (1 / 45, -20 / 45, 64 / 45)
+COUNTS = {True: (6, 8, 12), False: (12, 16, 24)}  # segments a section of "fine", by `quick`
+FEWER = {True: (2, 4, 6), False: (4, 6, 8)}  # where CasADi differentiates the whole chain
 WAITING = 10.0  # times the patience of a configuration
 DIGITS = 12  # of metres
 
@@ -41,12 +44,13 @@ Numbers = dict[str, Any]
 
 def reference(task: Task, name: str) -> Numbers:
     """Section tips (K×S×3, m) at times (K, s), and "about"; raises `SoftmpcError` without."""
+    patience = WAITING * PATIENCE[task.quick]
     if name in (FINE, COARSER):
-        return _limit(task, name)
+        each = [count // (1 if name == FINE else 2) for count in _counts(task)]
+        return limit(task, each, patience)
     document = dict(task.document)
     model = model_of(document)
     settings = settings_of(task, document, model)
-    patience = WAITING * PATIENCE[task.quick]
     if name == AS_GIVEN:
         motion = moved(model, settings, patience)
         about = f"the scene as given, {about_motion(task)}"
@@ -65,34 +69,44 @@ def distances(tips: np.ndarray, reference: Mapping[str, Any]) -> np.ndarray:
     return np.asarray(np.linalg.norm(tips - np.asarray(reference["tips"]), axis=2))
 
 
-def _limit(task: Task, name: str) -> Numbers:
-    """The motion that those of more and more segments go to."""
-    finest = _finest(task) // (1 if name == FINE else 2)
-    counts = [finest // 4, finest // 2, finest]
-    motions = [_of_segments(task, count) for count in counts]
-    tips = sum(w * one.tips for w, one in zip(WEIGHTS, motions, strict=True))
+def limit(task: Task, counts: Sequence[int], patience: float) -> Numbers:
+    """The motion that those of more and more segments go to, from runs with `counts` of them."""
+    motions = [_of_segments(task, count, patience) for count in counts]
+    pairs = zip(weights(counts), motions, strict=True)
+    tips = np.sum([weight * one.tips for weight, one in pairs], axis=0)
+    told = f"{', '.join(map(str, counts[:-1]))} and {counts[-1]}"
     about = (
-        f"the arm with ever more segments: {counts[0]}, {counts[1]} and {counts[2]} a section, "
-        f"virtual power, 3 Gauss points, extrapolated; Radau IIA, {TIP_TOLERANCE:g} m a step; "
-        f"{about_motion(task)}"
+        f"the arm with ever more segments, extrapolated from {told} a section; virtual power, 3 "
+        f"Gauss points, Radau IIA within {TIP_TOLERANCE:g} m a step; {about_motion(task)}"
     )
-    return _told(motions[-1], about, np.asarray(tips))
+    return _told(motions[-1], about, tips)
 
 
-def _of_segments(task: Task, count: int) -> Simulation:
+WEIGHTS = (1 / 45, -20 / 45, 64 / 45)
+
+
+def weights(counts: Sequence[int]) -> np.ndarray:
+    """Of motions of n segments each with errors a/n² + b/n⁴ + …, of which their sum has neither.
+
+    Source: Richardson's extrapolation; of three, what is left is of order n⁻⁶.
+    """
+    squares = np.array(counts, float) ** 2
+    others = [np.delete(squares, i) / square for i, square in enumerate(squares)]
+    return np.array([np.prod(1 / (1 - other)) for other in others])
+
+
+def _of_segments(task: Task, count: int, patience: float) -> Simulation:
     document = changed(task.document, BEST | {"model.segments": count})
     model = model_of(document)
     settings = settings_of(task, document, model)
     numbers: Numbers = {"tolerance": None, "step": None, "tip_tolerance": TIP_TOLERANCE}
     tight = replace(settings, method="radau", **numbers)
-    return moved(model, tight, WAITING * PATIENCE[task.quick])
+    return moved(model, tight, patience)
 
 
-def _finest(task: Task) -> int:
-    """Segments a section of the finest; fewer where CasADi differentiates the whole chain."""
+def _counts(task: Task) -> tuple[int, ...]:
     whole = Chain(scene_from_dict(dict(task.document))).beyond() is not None
-    finest = 16 if task.quick else 32
-    return finest // 4 if whole else finest
+    return (FEWER if whole else COUNTS)[task.quick]
 
 
 def _largest_strains(model: Model, motion: Simulation) -> Numbers:

@@ -27,7 +27,7 @@ __all__ = ["about_motion", "longest", "model_of", "moved", "settings_of", "why_n
 QUICK, FULL = 2.0, 10.0  # s of motion at most
 LEAD = 0.05  # s of rest that is kept before the inputs begin to change
 MOST_SAMPLES = 1000
-PATIENCE = {True: 30.0, False: 120.0}  # s that one run may take, by `quick`
+PATIENCE = {True: 30.0, False: 120.0}  # s of a core that one run may take, by `quick`
 
 
 def why_no_motion(task: Task) -> str:
@@ -113,12 +113,13 @@ def about_motion(task: Task) -> str:
 def moved(model: Model, settings: SimulationSettings, patience: float) -> Simulation:
     """The motion; raises `IntegrationError` where its end is not reached, within `patience` (s).
 
-    Looked at between the pieces of a run: where inputs bend, and every 200 samples.
+    Time is that of the processor, which other programs do not change. Looked at between the pieces
+    of a run: where inputs bend, and every 200 samples.
     """
-    began = time.perf_counter()
+    began = time.process_time()
 
     def waiting(reached: float, duration: float) -> None:
-        if time.perf_counter() - began > patience:
+        if time.process_time() - began > patience:
             raise IntegrationError(f"took longer than {patience:g} s to come to {reached:.3g} s")
 
     return motion_of(model, settings, progress=waiting)

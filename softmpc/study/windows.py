@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -101,20 +102,32 @@ def divided(profile: InputProfile, sample_time: float, duration: float) -> Divid
 def mapped_state(x: np.ndarray, model: Model, other: Model, rest: np.ndarray) -> np.ndarray:
     """A state x (nx) of `model` as a state of `other`, whose own state at `rest` fills the gaps.
 
-    Strains and their rates are copied to all parts of a divided segment, which keeps the shape of
-    the arm. Drive states go by name. What only `other` has (a strain, a drive state) is as at rest.
+    Strains and their rates are those of the same part of the section, or their mean over it: where
+    segments are divided the arm keeps its shape. Drive states go by name. What only `other` has (a
+    strain, a drive state) is as at rest.
     """
     mapped = rest.copy()
     own = {name: i for i, name in enumerate(model.layout.x.names)}
-    finer = other.scene.segments // model.scene.segments
+    shares = _shares(model.scene.segments, other.scene.segments)
     for i, name in enumerate(other.layout.x.names):
-        source = own.get(name if i >= 2 * other.strains else _coarser(name, finer))
-        if source is not None:
-            mapped[i] = x[source]
+        if i >= 2 * other.strains:
+            mapped[i] = x[own[name]] if name in own else rest[i]
+            continue
+        kind, _, segment = name.rpartition("_")
+        parts = [(share, f"{kind}_{j}") for j, share in shares[int(segment) - 1].items()]
+        if all(part in own for _, part in parts):
+            mapped[i] = sum(share * x[own[part]] for share, part in parts)
     return mapped
 
 
-def _coarser(name: str, finer: int) -> str:
-    """Name of the strain of the segment that this one is a part of: kappa_x_1_4 -> kappa_x_1_2."""
-    kind, _, segment = name.rpartition("_")
-    return f"{kind}_{(int(segment) - 1) // finer + 1}"
+def _shares(own: int, other: int) -> list[dict[int, float]]:
+    """Of each of `other` segments: shares of the `own` ones (1, 2, …) that it covers."""
+    ends = np.arange(other + 1) * own  # in units of 1/(own·other) of a section
+    found = []
+    for start, end in pairwise(ends.tolist()):
+        covered = {
+            j: min(end, (j + 1) * other) - max(start, j * other)
+            for j in range(start // other, -(-end // other))
+        }
+        found.append({j + 1: length / own for j, length in covered.items()})
+    return found
