@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import os
+import re
 import signal
 import threading
 import time
@@ -17,6 +18,7 @@ from softmpc.errors import InputError
 from tests.benchmarks import __main__ as command
 from tests.benchmarks import comparing, running
 from tests.benchmarks.__main__ import FAILED, INTERRUPTED, Bench, conducted
+from tests.benchmarks.common import ROOT
 from tests.benchmarks.listing import FOLDER, HELPERS, benchmarks, has_numbers, purpose
 from tests.benchmarks.running import measured
 from tests.benchmarks.stored import DONE, Result, Run, last_stored, load, new_run, save, store
@@ -60,6 +62,15 @@ def test_every_benchmark_has_numbers_and_says_what_for(name: str) -> None:
     assert [[a.arg for a in f.args.args] for f in found] == [["quick"]]
     assert ast.get_docstring(found[0]), "says what quick mode leaves out"
     assert 10 < len(purpose(name)) < 120
+
+
+def test_pages_name_benchmarks_that_there_are() -> None:
+    texts = [page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md")]
+    named = {
+        name for text in texts for name in re.findall(r"-m tests\.benchmarks\.([a-z]\w*)", text)
+    }
+    assert {"tracking", "c_controller"} <= named
+    assert named - set(benchmarks()) - UNFINISHED == set()
 
 
 # ---------------------------------------------------------------- one in its process
