@@ -6,6 +6,7 @@ import logging
 import os
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -13,6 +14,32 @@ from collections.abc import Iterator
 import pytest
 
 _made: list[str] = []
+# What needs signals, shells or GNU's tools (nm, size, flags of GCC) as Linux has them; by file, all
+# tests or those named.
+ON_LINUX: dict[str, tuple[str, ...]] = {
+    "test_codegen_clean": (),
+    "test_codegen_embedded": (),
+    "test_codegen_functions": (),
+    "test_codegen_on_arm": (),
+    "test_codegen_estimator": ("test_no_memory_is_allocated_and_no_global_changes",),
+    "test_codegen_pilot": (
+        "test_no_memory_is_allocated_and_no_global_changes",
+        "test_random_readings_under_sanitizers",
+    ),
+    "test_codegen_plant": ("test_the_loop_is_clean_under_sanitizers",),
+    "test_docs": ("test_ci_runs_the_readme",),
+    "test_inverse_cli": ("test_ctrl_c_keeps_what_is_done",),
+    "test_sweeps": (
+        "test_dask",
+        "test_a_killed_worker_loses_nothing",
+        "test_a_case_that_always_kills_its_worker_is_named",
+        "test_a_given_executor_that_breaks",
+        "test_ctrl_c_keeps_what_is_done",
+        "test_workers_end_with_their_parent",
+        "test_ctrl_c_inside_casadi",
+        "test_file_goes_on_after_half_a_line",
+    ),
+}
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -26,6 +53,15 @@ def pytest_configure(config: pytest.Config) -> None:
         # Workers share the cores: threads of BLAS beside them make small matrices ten times slower.
         for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(name, "1")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if sys.platform == "linux":
+        return
+    for item in items:
+        names = ON_LINUX.get(item.path.stem)
+        if names == () or (names and item.name.partition("[")[0] in names):
+            item.add_marker(pytest.mark.skip(reason="needs signals or tools as on Linux"))
 
 
 def _hear_interrupts() -> None:

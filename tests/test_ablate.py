@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -320,7 +319,7 @@ def test_input_table_is_copied_beside_the_proposal(tmp_path: Path, found: Ablati
 def test_interrupt_keeps_the_rows_done() -> None:
     def progress(done: float, total: float) -> None:
         if done == 2:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     found = ablate(planar(), BENDING, progress=progress)
     assert found.status == "interrupted"

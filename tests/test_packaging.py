@@ -9,14 +9,17 @@ import sys
 import tomllib
 from functools import cache
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
+import conftest
 import pytest
 import yaml
+from click.testing import CliRunner
 from pages import ROOT, blocks
 
 from softmpc.cli.common import INTERRUPTED, NOT_CONVERGED, OK, WRONG_INPUT
-from softmpc.cli.main import UNEXPECTED
+from softmpc.cli.main import UNEXPECTED, main
 from softmpc.cli.replay import DIFFERENT
 from softmpc.codegen import flight_format
 from softmpc.codegen.targets import TARGETS
@@ -129,6 +132,36 @@ def test_workflow_runs_all_parts() -> None:
         name for target in TARGETS.values() if target.name != "host" for name in target.packages
     }
     assert packages <= set(lines_of("slow")[1].split())
+
+
+def test_tests_for_linux_alone_are_there() -> None:
+    for name, tests in conftest.ON_LINUX.items():
+        text = (ROOT / "tests" / f"{name}.py").read_text(encoding="utf-8")
+        assert [test for test in tests if f"def {test}(" not in text] == []
+
+
+def test_elsewhere_they_are_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    marked: list[str] = []
+
+    def item(file: str, name: str) -> Any:
+        return SimpleNamespace(
+            path=Path(f"{file}.py"), name=name, add_marker=lambda mark: marked.append(name)
+        )
+
+    items = [item("test_codegen_clean", "a"), item("test_docs", "test_links")]
+    items += [item("test_docs", "test_ci_runs_the_readme"), item("test_statics", "b")]
+    for system, expected in (("linux", []), ("win32", ["a", "test_ci_runs_the_readme"])):
+        monkeypatch.setattr("sys.platform", system)
+        conftest.pytest_collection_modifyitems(items)
+        assert marked == expected
+
+
+def test_output_in_any_encoding() -> None:
+    """What a console or a pipe cannot show is replaced, as in a pipe on Windows."""
+    words = ["inverse", str(ROOT / "examples/step_fig6.toml"), "--tip", "0.12,0,0.57"]
+    shown = CliRunner(charset="ascii").invoke(main, words)
+    assert shown.exit_code == 0, shown.output
+    assert "(N?m)" in shown.output
 
 
 # ---------------------------------------------------------------- wheel and sdist

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import signal
 from dataclasses import replace
 from functools import cache
@@ -194,7 +193,7 @@ def test_interrupted_run_keeps_what_was_done() -> None:
 
 def test_control_c_ends_between_two_calls() -> None:
     before = signal.getsignal(signal.SIGINT)
-    run = simulate(MODEL, BENT, 3.0, progress=lambda t, d: os.kill(os.getpid(), signal.SIGINT))
+    run = simulate(MODEL, BENT, 3.0, progress=lambda t, d: signal.raise_signal(signal.SIGINT))
     assert run.status == "interrupted"
     assert run.time[-1] == 2.0
     assert signal.getsignal(signal.SIGINT) is before

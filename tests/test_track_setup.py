@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -67,7 +66,7 @@ def changed(file: Path, old: str, new: str) -> Path:
 
 
 def interrupt() -> None:
-    os.kill(os.getpid(), signal.SIGINT)
+    signal.raise_signal(signal.SIGINT)
 
 
 # ---------------------------------------------------------------- progress and Ctrl-C

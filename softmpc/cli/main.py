@@ -5,6 +5,7 @@ Commands are imported when called, so `softmpc --help` needs neither CasADi nor 
 
 from __future__ import annotations
 
+import io
 import sys
 import traceback
 from collections.abc import Sequence
@@ -66,6 +67,8 @@ class Commands(click.Group):
     def main(self, args: Sequence[str] | None = None, *_: Any, **extra: Any) -> Any:
         """Run the command given by `args` and exit with its status."""
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="replace")  # a pipe on Windows knows no Greek
         extra |= {"prog_name": "softmpc", "standalone_mode": False}
         try:
             status = super().main(words, **extra)
