@@ -13,8 +13,8 @@ from softmpc.accuracy.families import FAMILIES
 from softmpc.accuracy.points import FamilyResult, Point
 
 __all__ = [
-    "AS_THEORY", "AT_FLOOR", "DIFFERS", "DIVERGES", "NO_THEORY", "TOO_FEW", "VERDICTS", "Fit",
-    "fit_series", "fits",
+    "AGREES", "AS_THEORY", "AT_FLOOR", "DIFFERS", "DIVERGES", "NO_THEORY", "TOO_FEW", "VERDICTS",
+    "Fit", "fit_series", "fits",
 ]  # fmt: skip
 
 FINEST = 3  # sizes that are fitted

@@ -67,8 +67,7 @@ def controller_axes(family: FamilyResult) -> list[str]:
     """Axes of the arm under control with something to show."""
     if family.name != "loop":
         return []
-    others = [axis for axis in family.axes if axis not in (AS_GIVEN, *TIMED)]
-    return [axis for axis in others if _shown(family.axis(axis))]
+    return [axis for axis in family.axes if axis != AS_GIVEN and _shown(family.axis(axis))]
 
 
 @styled
@@ -184,7 +183,9 @@ def _legend_of(made: Figure, grid: np.ndarray) -> None:
 
 
 def times_axes(family: FamilyResult) -> list[str]:
-    """Axes of how a scene is run, not of what it is, with times."""
+    """Axes of how a model is run, not of what it is, with times."""
+    if family.name == "loop":  # controllers have them among their own
+        return []
     return [axis for axis in TIMED if any(positive(p.time_s) for p in family.axis(axis))]
 
 

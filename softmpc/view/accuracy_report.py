@@ -16,7 +16,7 @@ from softmpc.view.accuracy_html import details, element, items, page, picture, t
 from softmpc.view.accuracy_sentences import PLACES, in_short
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.figure import Figure
 
@@ -56,6 +56,8 @@ WORDS = {
     "as printed": "the paper's balance (13)–(31): a segment hands back its axial force and moment "
     "alone, Eq. (22)",
     "full wrench": "the same balance, the whole force and moment handed back",
+    "angular velocity": "of a segment, as virtual power passes it on: exact, or ω = dw/dt of "
+    "Eqs (5)–(6), which holds while the axis of rotation stands still",
     "paper arc": "the paper's Eq. (3), bending first and twisting after; otherwise arcs of "
     "constant strain",
     "elasticity": "the law of Eqs (17)–(19): “printed” as on the page, “strain” divided by the "
@@ -66,12 +68,15 @@ WORDS = {
 }
 
 
-def report_html(study: Study, command: str = "") -> str:
+def report_html(
+    study: Study, command: str = "", figures: Mapping[str, Figure] | None = None
+) -> str:
     """The whole study as a page: results, what they are measured against, pictures, tables.
 
     `command` is the one that made the study, as shown at the end; by default the plain one.
+    `figures` are those of `study_figures`, where they have been drawn before.
     """
-    figures = study_figures(study)
+    figures = study_figures(study) if figures is None else figures
     parts = [*_head(study), element("h2", "In short"), items(in_short(study))]
     parts += _references(study)
     for family in study.families:
@@ -110,7 +115,7 @@ def _references(study: Study) -> list[str]:
     return parts
 
 
-def _family(family: FamilyResult, figures: dict[str, Figure]) -> list[str]:
+def _family(family: FamilyResult, figures: Mapping[str, Figure]) -> list[str]:
     """Pictures and tables of one family."""
     own = {name: made for name, made in figures.items() if f"-{family.name}" in name}
     parts = [element("h2", f"Results {PLACES.get(family.name, family.name)}")]
@@ -128,7 +133,7 @@ def _family(family: FamilyResult, figures: dict[str, Figure]) -> list[str]:
     return [*parts, details(f"All {len(family.points)} points", every)]
 
 
-def _pictures(figures: dict[str, Figure], kind: str) -> list[str]:
+def _pictures(figures: Mapping[str, Figure], kind: str) -> list[str]:
     """All of a kind, what is to be seen told once."""
     shown = [made for name, made in figures.items() if name.startswith(kind)]
     return [picture(made, "" if i else CAPTIONS[kind]) for i, made in enumerate(shown)]

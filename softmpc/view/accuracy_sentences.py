@@ -8,16 +8,18 @@ from typing import TYPE_CHECKING
 from softmpc.accuracy.families import FAMILIES
 from softmpc.accuracy.front import front
 from softmpc.accuracy.model_axes import AS_GIVEN
-from softmpc.accuracy.orders import AS_THEORY, DIFFERS, DIVERGES, Fit, fits
+from softmpc.accuracy.orders import AGREES, AS_THEORY, DIFFERS, DIVERGES, Fit, fits
 from softmpc.accuracy.tables import time_text
 from softmpc.study.lengths import length_text
 from softmpc.view.accuracy_changes import change_m, changed_points
+from softmpc.view.accuracy_convergence import key_label
 
 if TYPE_CHECKING:
     from softmpc.accuracy.points import FamilyResult, Point, Study
 
 __all__ = ["PLACES", "in_short"]
 
+Fitted = tuple["FamilyResult", Fit]
 TOLERANCES = (10e-3, 5e-3, 1e-3)  # m
 PLACES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
 MOST_NAMED = 3
@@ -28,7 +30,7 @@ def in_short(study: Study) -> list[str]:
     """The cheapest within tolerances, what does not converge, orders, the largest changes."""
     found = [_cheapest(family) for family in study.families]
     known = [(family, fit) for family in study.families for fit in fits(family)]
-    found += [_divergent(known), _orders([fit for _, fit in known]), _changes(study)]
+    found += [_divergent(known), _orders(known), _changes(study)]
     return [one for one in found if one] or ["Nothing was measured yet."]
 
 
@@ -70,33 +72,38 @@ def _beside_given(point: Point) -> str:
     return f", {ratio:.2g} times that of the scene as given"
 
 
-def _divergent(known: Sequence[tuple[FamilyResult, Fit]]) -> str:
+def _divergent(known: Sequence[Fitted]) -> str:
     where: dict[str, list[str]] = {}
     for family, fit in known:
         if fit.verdict == DIVERGES:
-            what = FAMILIES[family.name].error_label if fit.key == "error_m" else fit.key
-            what = what.removesuffix("_m").replace("_", " ").rpartition(" (")[0] or what
-            where.setdefault(fit.series, []).append(what.replace("_", " "))
+            where.setdefault(fit.series, []).append(_what(family, fit))
     if not where:
         return "All series whose order could be fitted converge." if known else ""
     told = [f"“{series}” ({', '.join(dict.fromkeys(what))})" for series, what in where.items()]
     return f"What does not converge when it is made finer: {'; '.join(told)}."
 
 
-def _orders(known: Sequence[Fit]) -> str:
+def _orders(known: Sequence[Fitted]) -> str:
     """How many fitted orders are those of theory, and which are not."""
-    good = [fit for fit in known if fit.verdict == AS_THEORY]
-    other = [fit for fit in known if fit.verdict == DIFFERS]
+    good = [fit for _, fit in known if fit.verdict == AS_THEORY]
+    other = [(family, fit) for family, fit in known if fit.verdict == DIFFERS]
     count = len(good) + len(other)
     if not count:
         return ""
-    start = f"Of {count} fitted orders with a theory, {len(good)} agree with it within 0.2"
-    if not other:
-        return start + "."
-    told = [f"“{fit.series}” has {fit.order:.2f} where theory says {fit.theory:g}" for fit in other]
-    left = len(told) - MOST_NAMED
-    more = [f"{left} more in the tables"] if left > 0 else []
-    return f"{start}; {'; '.join([*told[:MOST_NAMED], *more])}."
+    start = f"{len(good)} of {count} fitted orders that have a theory agree with it within {AGREES}"
+    told = [
+        f"“{fit.series}” has {fit.order:.2f} where theory says {fit.theory:g} "
+        f"({_what(family, fit)})"
+        for family, fit in other[:MOST_NAMED]
+    ]
+    left = len(other) - MOST_NAMED
+    more = [f"{left} more are in the tables"] if left > 0 else []
+    return "; ".join([start, *told, *more]) + "."
+
+
+def _what(family: FamilyResult, fit: Fit) -> str:
+    """The error that is fitted, without its unit."""
+    return key_label(family.name, fit.key).rpartition(" (")[0]
 
 
 def _changes(study: Study) -> str:
