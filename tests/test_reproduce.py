@@ -11,7 +11,8 @@ from arms import literal_section
 from oracles.closed_forms import drive_arc
 from oracles.paper_literal import LiteralArm, LiteralHydraulics
 
-from softmpc.accuracy.rod import RodSection, solve_rod
+from softmpc.accuracy.rod import solve_rod
+from softmpc.accuracy.rod_of_scene import rod_section
 from softmpc.errors import InputError, ParameterError
 from softmpc.model.parameters import Section
 from softmpc.model.presets import DEFAULT_PRESET, preset
@@ -147,8 +148,7 @@ def test_limit_posture_is_two_arcs(name: str) -> None:
 @pytest.mark.parametrize("unit", [1, 4])
 @pytest.mark.parametrize("torque", [0.5, 1.0, 1.5, 2.0])
 def test_rests_are_those_of_the_rod(unit: int, torque: float) -> None:
-    shared = {f.name for f in fields(RodSection)}
-    sections = [RodSection(**{n: getattr(s, n) for n in shared}) for s in ARM.sections]
+    sections = [rod_section(s) for s in ARM.sections]
     h = ARM.hydraulics
     pressures = np.zeros(6)
     pressures[unit - 1] = 2 * np.pi * h.efficiency * torque / (h.screw_lead * h.piston_area)

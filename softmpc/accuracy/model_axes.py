@@ -6,14 +6,16 @@ from collections.abc import Iterator
 from typing import Any
 
 from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.model.elasticity import EnergyElasticity, PrintedElasticity, StrainElasticity
+from softmpc.model.scene_file import scene_from_dict
 
-__all__ = ["AS_GIVEN", "model_axes", "segment_counts"]
+__all__ = ["AS_GIVEN", "model_axes", "reference_law", "segment_counts", "series"]
 
 AS_GIVEN = "as given"
 MASSES = {"lumped": 1.0, "gauss-1": 2.0, "gauss-2": 2.0, "gauss-3": 2.0}  # theoretical orders
 SPELT = {"lumped": "lumped mass", "gauss-1": "1 Gauss point", "gauss-2": "2 Gauss points",
          "gauss-3": "3 Gauss points"}  # fmt: skip
-VIRTUAL = {"model.formulation": "virtual-power", "model.elasticity": "energy"}
+LAWS = (EnergyElasticity.name, StrainElasticity.name, PrintedElasticity.name)
 
 
 def segment_counts(task: Task) -> list[int]:
@@ -21,28 +23,41 @@ def segment_counts(task: Task) -> list[int]:
     return [1, 2, 4, 8] if task.quick else [1, 2, 4, 8, 16]
 
 
+def reference_law(task: Task) -> str:
+    """The elastic law of all series: that of the scene, where it has one for any segments."""
+    law = scene_from_dict(dict(task.document)).formulation.elasticity.name
+    return EnergyElasticity.name if law == PrintedElasticity.name else law
+
+
 def model_axes(task: Task) -> Iterator[Configuration]:
     """All of them, the scene as given first."""
     yield Configuration(AS_GIVEN, "as given")
+    law = {"model.elasticity": reference_law(task)}  # the same, so that only the balance differs
+    virtual = {"model.formulation": "virtual-power", **law}
     for mass, theory in MASSES.items():
-        own = VIRTUAL | {"model.mass": mass}
-        yield from _series(task, "segments and mass", SPELT[mass], own, theory)
-    # With the elastic law of the others, so that only the balance differs.
+        own = virtual | {"model.mass": mass}
+        yield from series(task, "segments and mass", SPELT[mass], own, theory)
     for form, name in (("newton-euler", "as printed"), ("newton-euler-full", "full wrench")):
         order = None if form == "newton-euler" else 1.0
-        changes: dict[str, Any] = {"model.formulation": form, "model.mass": None}
-        changes |= {"model.elasticity": "energy"}
-        yield from _series(task, "formulation", f"Newton-Euler, {name}", changes, order)
-    arc = VIRTUAL | {"model.mass": "gauss-2", "model.kinematics": "paper-arc"}
-    yield from _series(task, "kinematics", "paper arc, 2 Gauss points", arc, 2.0)
-    for law in ("strain", "printed"):
-        yield Configuration("elasticity", f"elasticity {law}", {"model.elasticity": law})
+        changes: dict[str, Any] = {"model.formulation": form, "model.mass": None, **law}
+        yield from series(task, "formulation", f"Newton-Euler, {name}", changes, order)
+    arc = virtual | {"model.mass": "gauss-2", "model.kinematics": "paper-arc"}
+    yield from series(task, "kinematics", "paper arc, 2 Gauss points", arc, 2.0)
+    for other in LAWS:
+        if other != reference_law(task):
+            yield Configuration("elasticity", f"elasticity {other}", {"model.elasticity": other})
 
 
-def _series(
-    task: Task, axis: str, series: str, changes: dict[str, Any], order: float | None
+def series(
+    task: Task,
+    axis: str,
+    name: str,
+    changes: dict[str, Any],
+    order: float | None,
+    variant: str = "",
 ) -> Iterator[Configuration]:
+    """The same with ever more segments a section; the size is that of one."""
     for count in segment_counts(task):
-        name = f"{series}, {count} segment{'s' if count > 1 else ''}"
+        said = f"{name}, {count} segment{'s' if count > 1 else ''}"
         own = changes | {"model.segments": count}
-        yield Configuration(axis, name, own, series, 1.0 / count, order)
+        yield Configuration(axis, said, own, name, 1.0 / count, order, variant=variant)

@@ -25,6 +25,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
 from softmpc.accuracy.rod import rod_along
@@ -54,7 +55,7 @@ def rod_frequencies(
     """
     A, B, moving = _assembled(sections, found, _Tip(tip_mass, tip_radius), nodes)
     try:
-        compliance = lu_solve(lu_factor(A, check_finite=True), B[:, moving])[moving]
+        compliance = lu_solve(lu_factor(A), B[:, moving])[moving]
     except (LinAlgError, ValueError) as error:
         raise RodError(f"no frequencies: {error}") from None
     periods = np.linalg.eigvals(compliance)  # 1/ω²
@@ -82,7 +83,7 @@ class _Tip:
 
 def _assembled(
     sections: Sequence[RodSection], found: RodSolution, tip: _Tip, nodes: int
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """A, B and which unknowns have inertia; unknowns are y at all nodes of all sections."""
     x, D = chebyshev(nodes)
     block = 12 * nodes
@@ -104,7 +105,7 @@ def _assembled(
     end = fields[-1][0][3:12, -1].reshape(3, 3)[:, 2]
     _at_tip(A, B, tip, end)
     moves = np.tile(np.arange(12) < 6, nodes * len(sections))
-    return A, B, np.flatnonzero(moves)
+    return A, B, moves
 
 
 def _slopes(

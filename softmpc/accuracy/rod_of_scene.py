@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,7 +53,7 @@ class SceneRod:
     tip_mass: float
     tip_radius: float
 
-    def rest(self, pressures: Sequence[float], tolerance: float = TOLERANCE) -> RodSolution:
+    def rest(self, pressures: Iterable[float], tolerance: float = TOLERANCE) -> RodSolution:
         """The posture at unit pressures (Pa); raises `RodError` where there is none."""
         loads = (self.gravity, self.tip_force, self.tip_moment)
         return solve_rod(self.sections, pressures, *loads, tolerance=tolerance)
