@@ -159,7 +159,7 @@ def test_elsewhere_they_are_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_output_in_any_encoding() -> None:
     """What a console or a pipe cannot show is replaced, as in a pipe on Windows."""
     words = ["inverse", "examples/step_fig6.toml", "--tip", "0.12,0,0.57"]
-    environment = os.environ | {"PYTHONIOENCODING": "ascii:strict", "PYTHONUTF8": "0"}
+    environment = os.environ | {"PYTHONIOENCODING": "iso8859-5:strict", "PYTHONUTF8": "0"}
     command = [sys.executable, "-m", "softmpc.cli", *words]
     shown = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)
     assert shown.returncode == 0, shown.stderr
