@@ -1,4 +1,4 @@
-"""What effects, the drive and other lone choices change, and what they cost, as bars."""
+"""What each part of a scene changes when it is another one, and what it costs, as bars."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CHANGES", "change_m", "changed_points", "changes_figure"]
 
-CHANGES = ("effects", "effects added", "drive", "strains")
-HATCHES = ("", "////", "....", "xxxx")
+CHANGES = ("effects", "effects added", "drive", "strains", "elasticity")
+HATCHES = ("", "////", "....", "xxxx", "----")
 LETTERS = 48  # of a name
 TITLES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
 
@@ -32,7 +32,7 @@ def change_m(point: Point) -> float | None:
 
 
 def changed_points(family: FamilyResult) -> list[Point]:
-    """Points of effects and drives with a change that can be shown: by axis, largest first."""
+    """Points of such parts with a change that can be shown: by axis, largest first."""
     found: list[Point] = []
     for axis in CHANGES:
         own = [point for point in family.axis(axis) if positive(change_m(point))]
@@ -42,10 +42,10 @@ def changed_points(family: FamilyResult) -> list[Point]:
 
 @styled
 def changes_figure(family: FamilyResult) -> Figure:
-    """Bars of what each effect or drive changes, and of its time beside the scene as given."""
+    """Bars of what each part changes, and of its time beside the scene as given."""
     points = changed_points(family)
     made = figure(10.0, 1.7 + 0.24 * max(4, len(points)),
-                  f"What effects and the drive change {TITLES.get(family.name, '')}")  # fmt: skip
+                  f"What each part of the scene changes {TITLES.get(family.name, '')}")  # fmt: skip
     known = marks(family)
     left, right = made.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     places = np.arange(len(points), dtype=float)
@@ -58,7 +58,7 @@ def changes_figure(family: FamilyResult) -> Figure:
         axes.tick_params(axis="y", length=0)
     shown = list(dict.fromkeys(point.axis for point in points))
     handles = [left.barh(0, 0, **_bar(known[axis], axis), label=axis) for axis in shown]
-    made.legend(handles=handles, loc="outside lower center", ncols=4)
+    made.legend(handles=handles, loc="outside lower center", ncols=5)
     return made
 
 

@@ -30,8 +30,8 @@ CAPTIONS = {
     "further down more exact. Nothing measured is both cheaper and more exact than what is named.",
     "convergence": "Marks are measured, lines fitted to the finest sizes. A series that does not "
     "converge is joined by dots, in red, with crosses.",
-    "changes": "Left: how far the tip moves when an effect or the drive is changed; right: what "
-    "that does to the time. To the right of 1 is slower.",
+    "changes": "Left: how far the tip moves when a part of the scene is left out, added or "
+    "replaced; right: what that does to the time. To the right of 1 is slower.",
     "controllers": "Errors above, times below; times above the budget cannot run at that rate.",
     "times": "The same numbers, made in different ways.",
 }

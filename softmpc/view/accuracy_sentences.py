@@ -118,8 +118,8 @@ def _changes(study: Study) -> str:
     least = largest[-1]
     end = f"; the smallest: “{least.name}” {length_text(change_m(least) or 0.0)}"
     return (
-        f"What effects and the drive change most {place(family)}: {', '.join(told)}"
-        f"{end if len(largest) > MOST_NAMED else ''}."
+        f"What changes most {place(family)} when it is left out, added or replaced: "
+        f"{', '.join(told)}{end if len(largest) > MOST_NAMED else ''}."
     )
 
 
