@@ -227,6 +227,7 @@ def test_no_run(text: str, tmp_path: Path) -> None:
         ("step_ms_median", 131, True, "higher"),
         ("step_ms_median", 131, False, ""),
         ("time_ratio_to_do_mpc", 70, True, "lower"),
+        ("runs_not_back_within_2_s_count", 102, True, "differs"),
         ("rms_mm", 100.5, True, ""),
         ("rms_mm", 102, False, "differs"),
     ],

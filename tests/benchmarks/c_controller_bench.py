@@ -33,7 +33,7 @@ CC = os.environ.get("CC", "gcc")
 PEER = "tests.benchmarks.acados_peer"
 ROUNDS = 6
 FEW_ROUNDS = 2
-OURS = 3  # rounds of ours in each of them
+OURS_ROUNDS = 3  # rounds of ours in each of them
 FINE = 5  # stages
 TOLERANCE = {f"qp_solver_tol_{kind}": 1e-6 for kind in ("stat", "eq", "ineq", "comp")}
 HPIPM = {"qp_solver": "PARTIAL_CONDENSING_HPIPM", **TOLERANCE}
@@ -126,7 +126,7 @@ class Bench:
         """Our C and acados in turn, so that both see the machine as busy as it is."""
         for _ in range(self.rounds):
             for key, program in self.programs.items():
-                self.timed.setdefault(key, []).append(program.run(OURS))
+                self.timed.setdefault(key, []).append(program.run(OURS_ROUNDS))
             for other, call in self.built.items():
                 self.answers.setdefault(other, []).append(run_peer(PEER, call))
 

@@ -52,7 +52,7 @@ def arguments(text: str | None) -> argparse.ArgumentParser:
 
 def key(*words: object) -> str:
     """One name of a number: words joined by underscores, other signs left out."""
-    text = "_".join(str(word) for word in words).lower().replace("µ", "u")
+    text = "_".join(str(word) for word in words).lower().replace("µ", "u").replace("'", "")
     return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
 
 

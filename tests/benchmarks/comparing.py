@@ -4,8 +4,8 @@ Names of numbers say what they are by their words. With `instructions` a number 
 load changes: every difference is told, and one that grew is a fault. With a unit of time (`s`,
 `ms`, `us`) or `ratio` it is timed: differences are told beyond a factor of BAND, for on a machine
 that does other work medians of one program differ by that much; and only where both runs were on
-the same machine with the same programs. All else (errors, shares, counts of failures) is told
-beyond one part in EXACT, and beyond what rounding does.
+the same machine with the same programs. All else (errors, shares, counts of failures; what ends
+with a word of UNTIMED) is told beyond one part in EXACT, and beyond what rounding does.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ BAND = 1.3
 EXACT = 100
 ROUNDING = 1e-9
 TIMED = {"s", "ms", "us", "ratio"}
+UNTIMED = {"count", "share", "mm", "bytes"}  # as the last word
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Change:
             return "new"
         if "instructions" in self.words:
             return self._counted(self.before)
-        if self.words & TIMED:
+        if self.words & TIMED and not self.name.endswith(tuple(UNTIMED)):
             return self._timed(self.before)
         size = max(abs(self.now), abs(self.before))
         return "differs" if abs(self.now - self.before) > max(size / EXACT, ROUNDING) else ""

@@ -78,7 +78,8 @@ def numbers(quick: bool) -> dict[str, float]:
     window, python = rows.pop("window"), rows["Python"]
     found = {key("readings may be late", "ms"): window["memory"]}
     for name, row in rows.items():
-        found |= {key(name, what): value for what, value in row.items()}
+        kept = {what: value for what, value in row.items() if not what.endswith("_max")}
+        found |= {key(name, what): value for what, value in kept.items()}
         if name != "Python":
             for what in ("estimate_ms", "step_ms"):
                 found[key(name, what[:-3], "time ratio python to c")] = python[what] / row[what]
