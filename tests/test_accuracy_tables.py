@@ -50,7 +50,8 @@ def study() -> Study:
         Point(Configuration("effects", "later", {"a": 2})),
         Point(Configuration("effects", "later still", {"a": 3})),
     ]
-    rest = FamilyResult("rest", {"rod": "a rod of 40 elements"}, tuple(points))
+    rods = {"rod": "a rod of 40 elements", "bent": "a rod of 40 elements", "old": "printed"}
+    rest = FamilyResult("rest", rods, tuple(points))
     loop = FamilyResult("loop", {}, (), "the scene has no table [track]")
     return Study("Arm", "interrupted", True, MACHINE, (rest, loop), {"title": "Arm"})
 
@@ -64,7 +65,7 @@ def cells(text: str, name: str) -> list[str]:
 def test_points_for_people(study: Study) -> None:
     text = terminal(study)
     assert text.startswith("Arm: what accuracy costs in time (quick study, interrupted)\n\nrest: ")
-    assert "\nreference rod: a rod of 40 elements\n" in text
+    assert "\nreference rod, bent: a rod of 40 elements\nreference old: printed\n" in text
     assert cells(text, "gauss 1") == ["gauss 1", "9.6 mm", "10 ± 0.3 µs", "1.00", "2,000"]
     assert cells(text, "gauss 4 *") == ["gauss 4 *", "550 µm", "40 ± 0.3 µs", "4.00", "8,000"]
     assert cells(text, "printed 4") == ["printed 4", "125 mm", "40 ± 0.3 µs", "4.00", "8,000"]
@@ -153,6 +154,13 @@ def test_a_study_without_points() -> None:
     )
     assert "## What the columns are" not in markdown(empty)
     assert columns(empty) == {}
+
+
+def test_a_spread_that_is_larger_than_its_time() -> None:
+    """As it is on a busy machine."""
+    busy = point("a", "a", {}, {"time_s": 7.5e-5, "spread_s": 4.12e-4})
+    text = terminal(Study("", "finished", False, MACHINE, (FamilyResult("rest", {}, (busy,)),)))
+    assert "75 ± 412 µs" in text
 
 
 @pytest.mark.parametrize(

@@ -59,13 +59,17 @@ class Fit:
 
 
 def fits(family: FamilyResult) -> list[Fit]:
-    """The fits of all series of a family, axis by axis, for each error that has an order."""
+    """The fits of all series of a family, axis by axis, for each error that has an order.
+
+    A series has none for an error that nobody measured.
+    """
     found = []
     for axis in family.axes:
         points = [point for point in family.axis(axis) if point.configuration.series]
         for name in dict.fromkeys(point.configuration.series for point in points):
             own = [point for point in points if point.configuration.series == name]
-            found += [fit_series(own, key) for key in FAMILIES[family.name].fitted(axis)]
+            keys = FAMILIES[family.name].fitted(axis)
+            found += [fit_series(own, key) for key in keys if any(key in p.error for p in own)]
     return found
 
 

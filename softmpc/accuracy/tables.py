@@ -133,7 +133,7 @@ def markdown(study: Study) -> str:
 def time_text(seconds: float) -> str:
     """A time for people: three digits in ns, µs, ms or s."""
     size, unit = _unit(seconds)
-    return f"{_three(seconds / size)} {unit}"
+    return f"{_digits(seconds / size, 3)} {unit}"
 
 
 def _state(study: Study) -> str:
@@ -158,7 +158,10 @@ def _about(family: FamilyResult) -> list[str]:
     about = FAMILIES[family.name].about
     if family.missing:
         return [f"{family.name}: not measured, {family.missing}"]
-    references = [f"reference {name}: {text}" for name, text in family.references.items() if text]
+    alike: dict[str, list[str]] = {}
+    for name, text in family.references.items():
+        alike.setdefault(text, []).append(name)
+    references = [f"reference {', '.join(names)}: {text}" for text, names in alike.items() if text]
     return [f"{family.name}: {about[0].lower()}{about[1:]}", *references]
 
 
@@ -228,13 +231,13 @@ def _time(point: Point) -> str:
         return NONE
     size, unit = _unit(point.time_s)
     spread = point.cost.get("spread_s")
-    beside = "" if spread is None else f" ± {spread / size:.2g}"
-    return f"{_three(point.time_s / size)}{beside} {unit}"
+    beside = "" if spread is None else f" ± {_digits(spread / size, 2)}"
+    return f"{_digits(point.time_s / size, 3)}{beside} {unit}"
 
 
-def _three(value: float) -> str:
-    """Three digits, or more in front of the point."""
-    return f"{value:.3g}" if value < 999.5 else f"{value:.0f}"
+def _digits(value: float, digits: int) -> str:
+    """So many digits, or more in front of the point."""
+    return f"{value:.{digits}g}" if value < 10**digits - 0.5 else f"{value:.0f}"
 
 
 def _unit(seconds: float) -> tuple[float, str]:
@@ -250,9 +253,6 @@ def _failures(family: FamilyResult) -> list[str]:
     bad = [f"{name}: {status}" for name, status in states if status != TO_COME]
     left = len(states) - len(bad)
     return [*bad, *([f"{left} points that are still to be measured"] if left else [])]
-
-
-# ---------------------------------------------------------------- orders
 
 
 def _orders(family: FamilyResult) -> Table:
