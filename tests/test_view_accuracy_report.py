@@ -83,6 +83,11 @@ def test_all_points_are_in_it(page: Page) -> None:
     assert "< 2 µm" in cells  # at the floor
 
 
+def test_references_with_one_text_are_told_together() -> None:
+    family = replace(loop(), references={"a": "a <rod>", "b": "a <rod>", "c": "", "d": "a model"})
+    assert Page(report_html(study(family))).texts["li"][-3:] == ["a, b: a <rod>", "c", "d: a model"]
+
+
 def test_text_is_escaped(text: str) -> None:
     for raw in ("<of tests>", "<printed>", "<first>", "<processor>"):
         assert raw not in text
@@ -134,6 +139,7 @@ def test_a_study_of_nothing() -> None:
     assert "Not measured: no path <here>." in page.texts["p"]
     assert "Nothing was measured yet." in page.texts["li"]
     assert "interrupted" in page.texts["p"][0]
+    assert "Points still to be measured, or to be timed: 1." in page.texts["p"]
 
 
 # ---------------------------------------------------------------- in short
@@ -141,8 +147,10 @@ def test_a_study_of_nothing() -> None:
 
 def test_the_cheapest_within_each_tolerance() -> None:
     told = in_short(study(motion()))[0]
-    assert "within 10 mm and 5 mm “slow mode alone” (2 mm in 40 ms" in told
-    assert "within 1 mm “2 Gauss points, 4 segments” (770 µm in" in told
+    assert (
+        "In motion, the cheapest within 10 mm and 5 mm is “slow mode alone” (2 mm in 40 ms" in told
+    )
+    assert "the cheapest within 1 mm is “2 Gauss points, 4 segments” (770 µm in" in told
     far = FamilyResult("rest", {}, (point("a", "near", {"error_m": 0.007}, 1e-3),))
     assert "nothing is within 5 mm or 1 mm" in in_short(study(far))[0]
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.accuracy.model_axes import AS_GIVEN
-from softmpc.study.lengths import length_text
-from softmpc.view.accuracy_style import Mark, error_unit, log_scale, marks, positive
+from softmpc.view.accuracy_style import PLACES, Mark, error_unit, log_scale, marks, metres, positive
 from softmpc.view.style import INK, figure, label, styled
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ __all__ = ["CHANGES", "change_m", "changed_points", "changes_figure"]
 CHANGES = ("effects", "effects added", "drive", "strains", "elasticity")
 HATCHES = ("", "////", "....", "xxxx", "----")
 LETTERS = 48  # of a name
-TITLES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
 
 
 def change_m(point: Point) -> float | None:
@@ -45,7 +43,7 @@ def changes_figure(family: FamilyResult) -> Figure:
     """Bars of what each part changes, and of its time beside the scene as given."""
     points = changed_points(family)
     made = figure(10.0, 1.7 + 0.24 * max(4, len(points)),
-                  f"What each part of the scene changes {TITLES.get(family.name, '')}")  # fmt: skip
+                  f"What each part of the scene changes {PLACES[family.name]}")  # fmt: skip
     known = marks(family)
     left, right = made.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     places = np.arange(len(points), dtype=float)
@@ -72,7 +70,7 @@ def _draw_changes(
     for point, place, value in zip(points, places, values, strict=True):
         style = _bar(known[point.axis], point.axis)
         axes.barh(place, (value - low) * factor, left=low * factor, **style)
-        _write(axes, value * factor, place, length_text(value))
+        _write(axes, value * factor, place, metres(value))
     log_scale(axes, "x")
     label(axes, "largest change or error of the tip (mm)", "")
 

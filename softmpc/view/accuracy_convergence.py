@@ -12,6 +12,7 @@ from softmpc.accuracy.orders import AS_THEORY, AT_FLOOR, DIVERGES, TOO_FEW, Fit,
 from softmpc.view.accuracy_style import (
     DOUBT,
     MARKERS,
+    PLACES,
     Unit,
     error_unit,
     log_scale,
@@ -58,7 +59,7 @@ def convergence_figure(family: FamilyResult, axis: str) -> Figure:
     Legends have the fitted orders with theory.
     """
     panels = _panels(family, axis)
-    title = f"Convergence along “{axis}”: {_kind(family)}"
+    title = f"Convergence along “{axis}”, {PLACES[family.name]}"
     made = figure(10.0, 0.6 + PANEL * len(panels), title)
     drawn = made.subplots(len(panels), 1, squeeze=False)[:, 0]
     for axes, ((key, size), own) in zip(drawn, panels.items(), strict=True):
@@ -92,10 +93,6 @@ def key_label(family: str, key: str) -> str:
 
 def _si(key: str) -> str:
     return "m" if key.endswith("_m") else "relative"
-
-
-def _kind(family: FamilyResult) -> str:
-    return {"rest": "the arm at rest", "motion": "the arm in motion"}.get(family.name, family.name)
 
 
 def _unit(key: str) -> Unit:
@@ -134,10 +131,13 @@ def _draw_panel(axes: Axes, key: str, series: Series) -> None:
 
 
 def _style(fit: Fit, index: int) -> dict[str, Any]:
-    """Marks without line, whose fit is the line; what does not converge is joined, in red."""
+    """Marks without line, whose fit is the line; what does not converge is joined, in red.
+
+    Later ones are smaller, so that all are seen where one is on another.
+    """
     style: dict[str, Any] = {
         "color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)],
-        "linestyle": "none", "markersize": 6,
+        "linestyle": "none", "markersize": max(4.0, 8.5 - 1.2 * index),
     }  # fmt: skip
     if fit.verdict == DIVERGES:
         style |= {"color": ALARM, "marker": "X", "linestyle": (0, (1.5, 1.5)), "linewidth": 1.8}

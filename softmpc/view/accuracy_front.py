@@ -11,7 +11,6 @@ import numpy as np
 from softmpc.accuracy.families import FAMILIES
 from softmpc.accuracy.front import front
 from softmpc.accuracy.model_axes import AS_GIVEN
-from softmpc.study.lengths import length_text
 from softmpc.view.accuracy_labels import place_labels
 from softmpc.view.accuracy_style import (
     DOUBT,
@@ -21,6 +20,7 @@ from softmpc.view.accuracy_style import (
     error_unit,
     log_scale,
     marks,
+    metres,
     outside,
     positive,
     time_unit,
@@ -57,7 +57,7 @@ def work_precision_figure(family: FamilyResult) -> Figure:
 
     Points below the doubt of the reference are drawn at it, and hollow. Labels have their units.
     """
-    made = figure(11.0, 6.4, TITLES.get(family.name, family.name))
+    made = figure(11.0, 6.4, TITLES[family.name])
     axes: Axes = made.subplots()
     units = _units(family)
     lines = _lines(family, marks(family))
@@ -82,7 +82,7 @@ def front_figure(study: Study, family: str) -> Figure:
     units = _units(found)
     x, y = _data(seen(found), units)
     axes.plot(x, y, "o", color="#B5B5B5", markersize=3, label="all that was measured")
-    axes.set_title(_wrapped(TITLES.get(family, family), 60), loc="left")
+    axes.set_title(_wrapped(TITLES[family], 60), loc="left")
     _finish(axes, found, units, [np.column_stack([x, y])], below=True)
     return made
 
@@ -146,7 +146,7 @@ def _draw_doubt(axes: Axes, family: FamilyResult, unit: Unit, hollow: bool) -> N
     if not doubts:
         return
     doubt, least = max(doubts), min(p.proved_m for p in shown if p.proved_m is not None)
-    text = f"doubt of the reference, {length_text(doubt)}"
+    text = f"doubt of the reference, {metres(doubt)}"
     if hollow and any(point.at_floor for point in shown):
         text += " (hollow: at or below)"
     if doubt > least / FAR:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 from softmpc.accuracy.families import FAMILIES
 from softmpc.accuracy.front import front
 from softmpc.accuracy.orders import VERDICTS, fits
+from softmpc.accuracy.points import TO_COME
 from softmpc.accuracy.tables import time_text
 from softmpc.accuracy.work import MEASURED
-from softmpc.study.lengths import length_text
 from softmpc.view.accuracy import study_figures
 from softmpc.view.accuracy_convergence import key_label
 from softmpc.view.accuracy_html import details, element, items, page, picture, table, terms
-from softmpc.view.accuracy_sentences import PLACES, in_short
+from softmpc.view.accuracy_sentences import in_short
+from softmpc.view.accuracy_style import PLACES, metres
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -105,12 +106,15 @@ def _references(study: Study) -> list[str]:
     parts = [element("h2", "What was measured against what")]
     for family in study.families:
         known = FAMILIES[family.name]
-        parts.append(element("h3", _capital(PLACES.get(family.name, family.name))))
+        parts.append(element("h3", _capital(PLACES[family.name])))
         if family.missing:
             parts.append(element("p", f"Not measured: {family.missing}."))
         if family.points or not family.missing:
             parts.append(element("p", f"{_capital(known.about).rstrip('.')}."))
-        told = [f"{name}: {text}" if text else name for name, text in family.references.items()]
+        same: dict[str, list[str]] = {}
+        for name, text in family.references.items():
+            same.setdefault(text, []).append(name)
+        told = [": ".join(filter(None, [", ".join(names), text])) for text, names in same.items()]
         parts.append(items(told))
     return parts
 
@@ -118,7 +122,7 @@ def _references(study: Study) -> list[str]:
 def _family(family: FamilyResult, figures: Mapping[str, Figure]) -> list[str]:
     """Pictures and tables of one family."""
     own = {name: made for name, made in figures.items() if f"-{family.name}" in name}
-    parts = [element("h2", f"Results {PLACES.get(family.name, family.name)}")]
+    parts = [element("h2", f"Results {PLACES[family.name]}")]
     parts += _pictures(own, "work-precision")
     if rows := _front(family):
         parts += [element("h3", "The Pareto front"), table(rows, 2)]
@@ -126,9 +130,12 @@ def _family(family: FamilyResult, figures: Mapping[str, Figure]) -> list[str]:
         parts += [element("h3", "Orders of convergence"), table(rows, 4)]
     for kind in ("convergence", "changes", "controllers", "times"):
         parts += _pictures(own, kind)
-    failed = [f"{p.name}: {p.status}" for p in family.points if p.status != MEASURED]
+    states = [point.status for point in family.points]
+    failed = [f"{p.name}: {p.status}" for p in family.points if p.status not in (MEASURED, TO_COME)]
+    if left := states.count(TO_COME):
+        parts.append(element("p", f"Points still to be measured, or to be timed: {left}."))
     if failed:
-        parts += [details(f"Not measured, or not in full: {len(failed)}", items(failed))]
+        parts += [details(f"What could not be measured: {len(failed)}", items(failed))]
     every = table(_rows(family.points), 2)
     return [*parts, details(f"All {len(family.points)} points", every)]
 
@@ -172,7 +179,7 @@ def _rows(points: Sequence[Point], costs: Sequence[str] | None = None) -> list[l
     for point in points:
         cells = [_text(key, point.error.get(key)) for key in errors]
         if errors and errors[0] == "error_m" and point.at_floor:
-            cells[0] = f"< {length_text(point.proved_m or 0.0)}"
+            cells[0] = f"< {metres(point.proved_m or 0.0)}"
         cells += [_text(key, point.cost.get(key)) for key in costs]
         rows.append([point.axis, point.name, *cells])
     return rows
@@ -198,7 +205,7 @@ def _text(key: str, value: Any) -> str:
     if not isinstance(value, int | float):
         return NONE
     if key.endswith("_m"):
-        return length_text(abs(value))
+        return metres(abs(value))
     if key.endswith("_s"):
         return time_text(value)
     if key.endswith("_mib"):

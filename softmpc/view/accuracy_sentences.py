@@ -10,18 +10,17 @@ from softmpc.accuracy.front import front
 from softmpc.accuracy.model_axes import AS_GIVEN
 from softmpc.accuracy.orders import AGREES, AS_THEORY, DIFFERS, DIVERGES, Fit, fits
 from softmpc.accuracy.tables import time_text
-from softmpc.study.lengths import length_text
 from softmpc.view.accuracy_changes import change_m, changed_points
 from softmpc.view.accuracy_convergence import key_label
+from softmpc.view.accuracy_style import PLACES, metres
 
 if TYPE_CHECKING:
     from softmpc.accuracy.points import FamilyResult, Point, Study
 
-__all__ = ["PLACES", "in_short"]
+__all__ = ["in_short"]
 
 Fitted = tuple["FamilyResult", Fit]
 TOLERANCES = (10e-3, 5e-3, 1e-3)  # m
-PLACES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
 MOST_NAMED = 3
 ALIKE = 0.05  # a ratio as near to 1 is that of the machine's mood
 
@@ -34,10 +33,6 @@ def in_short(study: Study) -> list[str]:
     return [one for one in found if one] or ["Nothing was measured yet."]
 
 
-def place(family: FamilyResult) -> str:
-    return PLACES.get(family.name, family.name)
-
-
 def _cheapest(family: FamilyResult) -> str:
     """One sentence a family; a point that is the cheapest for several tolerances is named once."""
     best = [point for point in front(family).points if point.proved_m is not None]
@@ -48,17 +43,18 @@ def _cheapest(family: FamilyResult) -> str:
         within = [point for point in best if (point.proved_m or 0.0) <= tolerance]
         chosen.setdefault(_named(within[0]) if within else "", []).append(tolerance)
     missed = chosen.pop("", [])
-    parts = [f"within {_joined([length_text(t) for t in ts], 'and')} {name}"
+    parts = [f"the cheapest within {_joined([metres(t) for t in ts], 'and')} is {name}"
              for name, ts in chosen.items()]  # fmt: skip
     if missed:
-        parts.append(f"nothing is within {_joined([length_text(t) for t in missed], 'or')}")
+        parts.append(f"nothing is within {_joined([metres(t) for t in missed], 'or')}")
     cost = FAMILIES[family.name].cost_label.rpartition(" (")[0]
-    return f"The cheapest {place(family)}: {'; '.join(parts)}. Times are: {cost}."
+    start = PLACES[family.name]
+    return f"{start[:1].upper()}{start[1:]}, {'; '.join(parts)}. The time is: {cost}."
 
 
 def _named(point: Point) -> str:
     """A point with its error and its time."""
-    error = f"{'below ' if point.at_floor else ''}{length_text(point.proved_m or 0.0)}"
+    error = f"{'below ' if point.at_floor else ''}{metres(point.proved_m or 0.0)}"
     return f"“{point.name}” ({error} in {time_text(point.time_s or 0.0)}{_beside_given(point)})"
 
 
@@ -114,11 +110,11 @@ def _changes(study: Study) -> str:
         return ""
     family = min(families, key=lambda one: order.get(one.name, 3))
     largest = sorted(changed_points(family), key=lambda p: -(change_m(p) or 0.0))
-    told = [f"“{p.name}” {length_text(change_m(p) or 0.0)}" for p in largest[:MOST_NAMED]]
+    told = [f"“{p.name}” {metres(change_m(p) or 0.0)}" for p in largest[:MOST_NAMED]]
     least = largest[-1]
-    end = f"; the smallest: “{least.name}” {length_text(change_m(least) or 0.0)}"
+    end = f"; the smallest: “{least.name}” {metres(change_m(least) or 0.0)}"
     return (
-        f"What changes most {place(family)} when it is left out, added or replaced: "
+        f"What changes most {PLACES[family.name]} when it is left out, added or replaced: "
         f"{', '.join(told)}{end if len(largest) > MOST_NAMED else ''}."
     )
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard
 import numpy as np
 
 from softmpc.accuracy.model_axes import AS_GIVEN
+from softmpc.study.lengths import length_text
 from softmpc.view.style import ALARM, COLOURS, INK
 
 if TYPE_CHECKING:
@@ -20,11 +21,13 @@ if TYPE_CHECKING:
     from softmpc.accuracy.points import FamilyResult, Point
 
 __all__ = [
-    "DOUBT", "GIVEN", "MARKERS", "Mark", "Unit", "error_unit", "log_scale", "marks", "outside",
-    "positive", "read_key", "ticks_at", "time_unit", "varied_keys",
+    "DOUBT", "GIVEN", "MARKERS", "PLACES", "Mark", "Unit", "error_unit", "log_scale", "marks",
+    "metres", "outside", "positive", "read_key", "ticks_at", "time_unit", "varied_keys",
 ]  # fmt: skip
 
+PLACES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
 MARKERS = "os^DvPXph<>d"  # no star, which is the scene as given
+SMALL = 1e-7  # m
 MOST_TICKS, APART = 8, 1.3
 MORE_COLOURS = (*COLOURS, "#5E3C99", "#9A9A9A")
 GIVEN: dict[str, Any] = {
@@ -78,6 +81,11 @@ def positive(value: Any) -> TypeGuard[float]:
 def error_unit() -> Unit:
     """Errors are read in millimetres."""
     return Unit("mm", 1e3)
+
+
+def metres(value: float) -> str:
+    """A length for people, in nm too: doubts may be as small."""
+    return f"{value * 1e9:.3g} nm" if 0.0 < value < SMALL else length_text(value)
 
 
 def time_unit(values: Iterable[float]) -> Unit:
