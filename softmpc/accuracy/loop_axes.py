@@ -17,14 +17,17 @@ __all__ = ["loop_axes"]
 
 CONTROLLER = "track.controller."
 SCENE = f"{CONTROLLER}scene."
-HORIZONS = {True: (5, 10, 40), False: (5, 10, 20, 40)}  # steps, by `quick`
+HORIZONS = {True: (10, 20, 40), False: (5, 10, 20, 40)}  # steps, by `quick`
 STEPS = (0.0125, 0.025, 0.05)  # s
 SEGMENTS = {True: (1, 2), False: (1, 2, 4)}  # a section of the controller's model
-STAGES = (1, 2, 3)
+STAGES = {True: (1, 2), False: (1, 2, 3)}
 SOLVERS = {True: ("real-time", "sqp"), False: ("real-time", "sqp", "ipopt", "fatrop")}
-ITERATIONS = {True: (2,), False: (2, 3, 5)}  # of SQP; 1 is real-time iteration
-DRIVES = {"hydraulic": "whole drive", "slow-mode": "slow mode of the drive",
-          "static": "static drive"}  # fmt: skip
+ITERATIONS = {True: (), False: (2, 3, 5)}  # of SQP; 1 is real-time iteration
+DRIVES = {
+    "hydraulic": "whole drive",
+    "slow-mode": "slow mode of the drive",
+    "static": "static drive",
+}
 _FREE: dict[str, Any] = {"grid": None, "blocks": None}
 TIP_DEVIATIONS = {True: (1e-3, 2e-2), False: (1e-3, 5e-3, 2e-2)}  # m that cost ½
 
@@ -74,14 +77,14 @@ def _model(task: Task, scene: Scene) -> Iterator[Configuration]:
         yield Configuration("controller segments", name, changes)
     if scene.actuation.input != "torque":
         return
-    for kind, name in DRIVES.items():
+    for kind, name in [*DRIVES.items()][: 2 if task.quick else None]:
         changes = _unless(kind == scene.actuation.name, {"actuation.kind": kind}, SCENE)
         yield Configuration("controller's drive", name, changes)
 
 
 def _solved(task: Task, given: ControllerSettings) -> Iterator[Configuration]:
     """Stages, solvers, iterations."""
-    for stages in STAGES:
+    for stages in STAGES[task.quick]:
         changes = _unless(stages == given.stages, {"stages": stages})
         yield Configuration("stages", f"{stages} stage{'s' if stages > 1 else ''}", changes)
     for solver in SOLVERS[task.quick]:

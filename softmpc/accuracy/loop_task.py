@@ -23,6 +23,7 @@ from softmpc.model.mass import GaussMass
 from softmpc.model.model import build
 from softmpc.model.scene import MAX_SEGMENTS, Scene
 from softmpc.model.scene_file import scene_from_dict
+from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.targets import Position
 
@@ -33,7 +34,7 @@ __all__ = [
 
 IN_C = "in C"  # the variant whose controller is generated and compiled
 SEGMENTS = {True: 4, False: 8}  # a section of the plant, at least, by `quick`
-LONGEST = {True: 2.5, False: 10.0}  # s of the path, by `quick`
+LONGEST = {True: 2.0, False: 10.0}  # s of the path, by `quick`
 BEGINNING = 0.4  # of the time, at most, for the smooth start, and before errors count
 
 
@@ -133,7 +134,8 @@ def on_plant(setup: Setup, scene: Scene, planner: Scene) -> Setup:
         start, _ = start_of(motion, build(planner), plant, reference)
     else:
         place = setup.guide.followed([0.0])[0]
-        found = InverseStatics(plant, starts=STARTS).solve(Position(tuple(place.tolist())))
+        near = find_equilibrium(plant, plant.drive.static_gain @ setup.start.u)
+        found = InverseStatics(plant, starts=STARTS).solve(Position(tuple(place.tolist())), near)
         start = start_at(plant, found.posture)
     return replace(setup, plant=setup.task.plant.integrator(plant), start=start)
 
