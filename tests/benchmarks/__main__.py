@@ -16,6 +16,7 @@ Exit status: 0; 2 for wrong arguments; 3 where a benchmark failed, or a count of
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -159,4 +160,5 @@ def conducted(bench: Bench, run: Run, names: Sequence[str], before: Run | None, 
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends what it started, like Ctrl-C
     raise SystemExit(main())
