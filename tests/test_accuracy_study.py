@@ -20,6 +20,7 @@ from softmpc import InputError
 from softmpc.accuracy import study
 from softmpc.accuracy.alone import KILLED
 from softmpc.accuracy.configuration import Task
+from softmpc.accuracy.orders import AS_THEORY, fits
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.study import run_study
 from softmpc.accuracy.work import Case, Measure
@@ -359,3 +360,43 @@ def test_summary_is_the_same_study(log: Path, in_this_process: None) -> None:
     assert again.summary() == found.summary()
     assert again.family("pretended").points[1].configuration == found.points[1].configuration
     assert isinstance(noted(log)[0], Noted)
+
+
+ARM = {
+    "title": "One section",
+    "manipulator": {"sections": 1},
+    "effects": {"gravity": [0.0, 0.0, 9.81]},
+    "actuation": {"kind": "static"},
+    "simulate": {"duration": 0.2, "steps": [{"unit": 1, "at": 0.0, "torque": 1.0}]},
+}
+
+
+@pytest.mark.slow
+def test_the_arm_at_rest_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real family: its order is that of theory, and each part is measured once."""
+    monkeypatch.undo()
+    keep, done = tmp_path / "kept", 0
+
+    def stage(what: str) -> study.Progress:
+        def report(now: float, total: float) -> None:
+            nonlocal done
+            if what == "errors" and now == 2 and not done:
+                done = keep.read_text().count('"key"')
+                raise KeyboardInterrupt
+
+        return report
+
+    options: dict[str, Any] = {"families": ["rest"], "axes": ["kinematics"], "keep": keep}
+    task = Task(ARM, quick=True)
+    assert run_study(task, executor=2, stage=stage, **options).status == "interrupted"
+    assert done >= 4
+    before = keep.read_bytes()
+    whole = run_study(task, executor=2, **options)
+    assert whole.status == "finished"
+    assert {point.status for point in whole.points} == {"measured"}
+    assert keep.read_bytes().startswith(before)
+    again = run_study(task, executor=1, **options)
+    assert again.summary()["families"] == whole.summary()["families"]
+    assert len(keys(keep)) == keep.read_text().count('"key"')  # none twice
+    by_key = {fit.key: fit for fit in fits(whole.family("rest"))}
+    assert by_key["error_m"].verdict == AS_THEORY, by_key
