@@ -17,9 +17,10 @@ from softmpc.accuracy.candidates_loop import loop_space
 from softmpc.accuracy.choose import choose, goal_of
 from softmpc.accuracy.choose_families import GOALS
 from softmpc.accuracy.choose_file import write_choice
-from softmpc.accuracy.choose_rate import rate_hz
+from softmpc.accuracy.choose_rate import AtRate, rate_hz
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.family import Family, Numbers
+from softmpc.accuracy.work import Case
 from softmpc.errors import InputError, SceneError
 from softmpc.model.scene_file import read_document, scene_from_dict
 
@@ -209,17 +210,29 @@ def test_refused_where_nothing_can_be_run(made: Made) -> None:
     assert chosen(5.0).reasons == ("no candidate could be run: the arm is broken",)
 
 
-def test_refused_where_nothing_is_fast_enough(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
-    choice = chosen(5.0, rate_hz=1e5)  # really advanced: a step takes more than 10 µs
-    assert choice.status == "refused"
-    assert "ms, and 100000 Hz leaves 0.01 ms" in choice.reasons[0]
-    assert "rate" in choice.reasons[-1]
+@pytest.mark.parametrize(("hertz", "kept"), [(10.0, True), (1e4, False)])
+def test_the_rate_is_kept_or_said_to_be_too_high(
+    made: Made, monkeypatch: pytest.MonkeyPatch, hertz: float, kept: bool
+) -> None:
+    monkeypatch.setattr(AtRate, "_numbers", lambda work, case: {"step_s": 2 / 25})
+    choice = chosen(5.0, rate_hz=hertz)
+    assert choice.status == ("chosen" if kept else "refused")
+    if kept:
+        assert choice.chosen.step_s == 0.08 <= 1 / hertz
+    else:
+        assert "takes 80 ms, and 10000 Hz leaves 0.1 ms" in choice.reasons[0]
+        assert "rate" in choice.reasons[-1]
 
 
-def test_a_rate_that_can_be_kept(made: Made) -> None:
-    choice = chosen(5.0, rate_hz=5.0)
-    assert choice.status == "chosen"
-    assert 0 < choice.chosen.step_s <= 0.2
+def test_times_at_a_rate_are_those_of_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 20 steps, of which the second run of all is timed by a clock that we turn."""
+    small = SWING | {"model": {"strains": ["epsilon", "kappa_y"]}, "actuation": {"kind": "static"}}
+    ticks = itertools.count()
+    monkeypatch.setattr("time.perf_counter", lambda: float(next(ticks)))
+    found = AtRate(Task(small), rate_hz=100.0)(Case("motion", "cost"))
+    assert found["status"] == "measured"
+    assert found["steps"] == 20
+    assert found["step_s"] >= 1.0
 
 
 @pytest.mark.parametrize(

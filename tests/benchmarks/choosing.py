@@ -13,33 +13,34 @@ from __future__ import annotations
 import sys
 import time
 from argparse import ArgumentParser
+from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
+import numpy as np
+
 from softmpc.accuracy.bound import conformal_factor, score
 from softmpc.accuracy.choose import choose
-from softmpc.accuracy.choose_families import GOALS, Choosing
-from softmpc.accuracy.configuration import Configuration, Task
-from softmpc.accuracy.work import ERROR, MEASURED, REFERENCE, Case
+from softmpc.accuracy.choose_families import COUNTS
+from softmpc.accuracy.choose_loop import loop_error
+from softmpc.accuracy.configuration import Configuration, Task, changed
+from softmpc.accuracy.motion_reference import COARSER, FINE, limit, weights
+from softmpc.accuracy.motion_task import model_of, moved, settings_of
 from softmpc.sweeps import sweep
 from tests.benchmarks.choosing_scenes import CALIBRATING, JUDGING, loop_scene, motion_scene
 from tests.benchmarks.choosing_truth import motion_truth, true_loop_error, true_motion_error
 
 FEW = 3
+PATIENCE = 3000.0  # s
 MOST_RATIO = 3.0  # the median of bound over true error
 SCENES = {"motion": motion_scene, "loop": loop_scene}
 INTEGRATION = {"simulate.method": "radau", "simulate.tip_tolerance": 1e-4}
 MODEL = "track.controller.scene.model.segments"
 # What is calibrated with: models as coarse as those that a choice ends with.
 COARSE = {
-    "motion": [
-        {"model.segments": 1, "model.mass": "gauss-1"} | INTEGRATION,
-        {"model.segments": 1, "model.mass": "gauss-2"} | INTEGRATION,
-        {"model.segments": 2, "model.mass": "gauss-1"} | INTEGRATION,
-        {"model.segments": 2, "model.mass": "gauss-2"} | INTEGRATION,
-    ],
-    "loop": [{MODEL: 1}, {MODEL: 2}],
+    "motion": [{"model.segments": n, "model.mass": "gauss-2"} | INTEGRATION for n in (1, 2)],
+    "loop": [{MODEL: 1}],
 }  # fmt: skip
 
 
@@ -51,22 +52,40 @@ class Scores:
 
     def __call__(self, seed: int) -> list[dict[str, Any]]:
         task = Task(SCENES[self.family](seed)[0])
-        references = {}
-        for name in GOALS[self.family].references(task):
-            references[name] = _measured(Choosing(task)(Case(self.family, REFERENCE, name)))
-        work = Choosing(task, {self.family: references})
-        true = True_(self.family, task)
         found = []
-        for changes in COARSE[self.family]:
-            own = Configuration("calibration", str(changes), changes)
-            error = work(Case(self.family, ERROR, configuration=own))
-            if error["status"] != MEASURED:
-                found.append({"seed": seed, "status": error["status"]})
-                continue
+        for error in (_motion_errors if self.family == "motion" else _loop_errors)(task):
+            true_m = error.pop("true_m")
             kept = {key: error[key] for key in ("error_m", "doubt_m")}
-            true_m = true.error(own)
-            found.append({"seed": seed, **kept, "true_m": true_m, "score": score(error, true_m)})
+            row = {"seed": seed, **kept, "true_m": true_m, "score": score(error, true_m)}
+            found.append(row)
         return found
+
+
+def _motion_errors(task: Task) -> Iterator[dict[str, Any]]:
+    """As a choice measures them; runs that several references share are made once."""
+    runs = {
+        n: np.array(limit(task, [n], PATIENCE)["tips"]) for n in {*COUNTS[FINE], *COUNTS[COARSER]}
+    }
+    fine, coarser = (
+        np.sum([w * runs[n] for w, n in zip(weights(COUNTS[name]), COUNTS[name], strict=True)], 0)
+        for name in (FINE, COARSER)
+    )
+    truth = motion_truth(task)
+    for changes in COARSE["motion"]:
+        document = changed(task.document, changes)
+        model = model_of(document)
+        tips = moved(model, settings_of(task, document, model), PATIENCE).tips
+        error, doubt, true = (
+            float(np.linalg.norm(one - other, axis=2).max())
+            for one, other in ((tips, fine), (fine, coarser), (tips, truth))
+        )
+        yield {"error_m": error, "doubt_m": doubt, "true_m": true}
+
+
+def _loop_errors(task: Task) -> Iterator[dict[str, Any]]:
+    for changes in COARSE["loop"]:
+        own = Configuration("calibration", str(changes), changes)
+        yield loop_error(task, own) | {"true_m": true_loop_error(task, own)}
 
 
 class True_:
@@ -92,12 +111,6 @@ class Truth:
     def __call__(self, case: Any) -> float:
         document, name, changes = case
         return True_(self.family, Task(document)).error(Configuration("chosen", name, changes))
-
-
-def _measured(result: dict[str, Any]) -> dict[str, Any]:
-    if result["status"] != MEASURED:
-        raise RuntimeError(result["status"])
-    return result
 
 
 def calibrate(family: str, workers: int, few: bool) -> float:
