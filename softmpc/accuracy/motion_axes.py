@@ -108,7 +108,11 @@ def _is_special(change: Change) -> bool:
 
 def changes_of(scene: Scene, change: Change) -> dict[str, Any]:
     """A change as keys of a scene file; raises `SceneError` or `BuildError` where it cannot be."""
-    return dict(_differences(scene_to_dict(scene), scene_to_dict(change.apply(scene))))
+    after = scene_to_dict(change.apply(scene))
+    changes = dict(_differences(scene_to_dict(scene), after))
+    if "model.strains" in changes:  # which effects are there by default depends on them
+        changes |= {f"effects.{name}": value for name, value in after["effects"].items()}
+    return changes
 
 
 def _differences(

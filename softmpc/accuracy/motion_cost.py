@@ -5,23 +5,23 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from softmpc.accuracy.configuration import Configuration, Task
-from softmpc.accuracy.motion_task import PATIENCE, settings_of
+from softmpc.accuracy.motion_task import PATIENCE, integrator_of, run, settings_of
 from softmpc.accuracy.motion_variants import model_with
 from softmpc.accuracy.timing import by_turns, memory_mib
 from softmpc.compiled import default_mode
 from softmpc.model.model import Model
 from softmpc.model.scene_file import scene_from_dict
-from softmpc.simulation.integrator import IntegrationError, Integrator
-from softmpc.simulation.methods import integrator_for
-from softmpc.simulation.run import sample_times, start_state, states_at
+from softmpc.simulation.integrator import Integrator
+from softmpc.simulation.run import start_state
 from softmpc.simulation.settings import SimulationSettings
 from softmpc.study.measure import Cost
 
@@ -87,12 +87,12 @@ class _Arm:
         model = model_with(scene_from_dict(document), configuration.variant)
         settings = settings_of(task, document, model)
         x = start_state(model, settings.profile, settings.start)
-        return cls(model, settings, x, _prepared(model, settings))
+        return cls(model, settings, x, integrator_of(model, settings))
 
     def again(self, settings: SimulationSettings | None = None) -> _Arm:
         """The same with an integrator made anew, in the mode of compilation that now holds."""
         settings = self.settings if settings is None else settings
-        return _Arm(self.model, settings, self.x, _prepared(self.model, settings))
+        return _Arm(self.model, settings, self.x, integrator_of(self.model, settings))
 
     def as_given(self, task: Task, variant: str) -> _Arm:
         """The scene as given, with this model where that is the same."""
@@ -104,39 +104,14 @@ class _Arm:
 
     def first(self) -> None:
         """Up to the first sample."""
-        self._run(np.array([self.settings.sample_time]), None)
+        settings = replace(self.settings, duration=self.settings.sample_time)
+        run(self.integrator, settings, self.x, inf)
 
-    def whole(self, patience: float | None = None) -> float:
+    def whole(self, patience: float = inf) -> float:
         """The whole motion; returns how long it took (s)."""
         began = time.perf_counter()
-        stamps = sample_times(self.settings.duration, self.settings.sample_time)
-        self._run(stamps, None if patience is None else _waiting(patience))
+        run(self.integrator, self.settings, self.x, patience)
         return time.perf_counter() - began
-
-    def _run(self, stamps: np.ndarray, progress: Callable[[float, float], None] | None) -> None:
-        profile = self.settings.profile
-        status, _, _ = states_at(self.integrator, profile, self.x, stamps, progress)
-        if status == "interrupted":
-            raise KeyboardInterrupt
-        if status != "finished":
-            raise IntegrationError(status)
-
-
-def _waiting(patience: float) -> Callable[[float, float], None]:
-    began = time.process_time()
-
-    def waiting(reached: float, duration: float) -> None:
-        if time.process_time() - began > patience:
-            raise IntegrationError(f"takes too long, reached {reached:.3g} s")
-
-    return waiting
-
-
-def _prepared(model: Model, settings: SimulationSettings) -> Integrator:
-    numbers = {key: getattr(settings, key) for key in ("tip_tolerance", "tolerance", "step")}
-    integrator = integrator_for(model, settings.method, **numbers)
-    integrator.prepare()
-    return integrator
 
 
 def _calls(model: Model) -> Numbers:

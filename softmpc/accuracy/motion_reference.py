@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from softmpc.accuracy.configuration import Task, changed
-from softmpc.accuracy.motion_task import PATIENCE, about_motion, model_of, moved, settings_of
+from softmpc.accuracy.motion_task import PATIENCE, Moved, about_motion, model_of, moved, settings_of
 from softmpc.errors import SoftmpcError
 from softmpc.model.chain import Chain
 from softmpc.model.model import Model
 from softmpc.model.scene_file import scene_from_dict
-from softmpc.simulation.result import Simulation
 
 __all__ = [
     "AS_GIVEN", "COARSER", "FINE", "REFERENCES", "TIGHT_RUNS", "distances", "limit", "reference",
@@ -95,7 +94,7 @@ def weights(counts: Sequence[int]) -> np.ndarray:
     return np.array([np.prod(1 / (1 - other)) for other in others])
 
 
-def _of_segments(task: Task, count: int, patience: float) -> Simulation:
+def _of_segments(task: Task, count: int, patience: float) -> Moved:
     document = changed(task.document, BEST | {"model.segments": count})
     model = model_of(document)
     settings = settings_of(task, document, model)
@@ -109,13 +108,13 @@ def _counts(task: Task) -> tuple[int, ...]:
     return (FEWER if whole else COUNTS)[task.quick]
 
 
-def _largest_strains(model: Model, motion: Simulation) -> Numbers:
+def _largest_strains(model: Model, motion: Moved) -> Numbers:
     """The largest of each kind of strain (1/m, 1) by name."""
     kinds = model.scene.strains
     largest = np.abs(motion.q.reshape(-1, len(kinds))).max(axis=0)
     return dict(zip(kinds, largest.tolist(), strict=True))
 
 
-def _told(motion: Simulation, about: str, tips: np.ndarray | None = None) -> Numbers:
+def _told(motion: Moved, about: str, tips: np.ndarray | None = None) -> Numbers:
     tips = motion.tips if tips is None else tips
     return {"about": about, "time": motion.time.tolist(), "tips": np.round(tips, DIGITS).tolist()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +15,16 @@ from softmpc.errors import SceneError
 from softmpc.model.model import Model, build
 from softmpc.model.scene_file import scene_from_dict
 from softmpc.simulation.inputs import InputProfile
-from softmpc.simulation.integrator import IntegrationError
-from softmpc.simulation.result import Simulation
-from softmpc.simulation.run import start_state
+from softmpc.simulation.integrator import IntegrationError, Integrator
+from softmpc.simulation.methods import integrator_for
+from softmpc.simulation.run import sample_times, start_state, states_at
 from softmpc.simulation.settings import SimulationSettings, read_settings
-from softmpc.study.measure import motion_of
 from softmpc.study.windows import later, mapped_state
 
-__all__ = ["about_motion", "longest", "model_of", "moved", "settings_of", "why_no_motion"]
+__all__ = [
+    "PATIENCE", "Moved", "about_motion", "integrator_of", "longest", "model_of", "moved", "run",
+    "settings_of", "why_no_motion",
+]  # fmt: skip
 
 QUICK, FULL = 2.0, 10.0  # s of motion at most
 LEAD = 0.05  # s of rest that is kept before the inputs begin to change
@@ -110,16 +112,56 @@ def about_motion(task: Task) -> str:
     return f"{whole}, {settings.duration:g} s of it"
 
 
-def moved(model: Model, settings: SimulationSettings, patience: float) -> Simulation:
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A motion at K times (s): strains (K×n) and section tips (K×S×3, m)."""
+
+    time: np.ndarray
+    q: np.ndarray
+    tips: np.ndarray
+
+
+def integrator_of(model: Model, settings: SimulationSettings) -> Integrator:
+    """The method of the settings, its functions made."""
+    numbers = {key: getattr(settings, key) for key in ("tip_tolerance", "tolerance", "step")}
+    integrator = integrator_for(model, settings.method, **numbers)
+    integrator.prepare()
+    return integrator
+
+
+def moved(model: Model, settings: SimulationSettings, patience: float) -> Moved:
     """The motion; raises `IntegrationError` where its end is not reached, within `patience` (s).
 
-    Time is that of the processor, which other programs do not change. Looked at between the pieces
-    of a run: where inputs bend, and every 200 samples.
+    As `simulate` runs it, without what that makes besides.
+    """
+    settings.profile.check(model)
+    x = start_state(model, settings.profile, settings.start)
+    time, states = run(integrator_of(model, settings), settings, x, patience)
+    q = states[:, : model.strains]
+    tips = np.asarray(model.frames.map(len(q))(q.T)[0]).T.reshape(len(q), -1, 3)
+    if not np.all(np.isfinite(tips)):
+        raise IntegrationError("the motion has values that are not finite")
+    return Moved(time, q, tips)
+
+
+def run(
+    integrator: Integrator, settings: SimulationSettings, x: np.ndarray, patience: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (K, s) and states (K×nx) from x on; raises as `moved`.
+
+    Patience is time of the processor (s), which other programs do not change. It is looked at
+    between the pieces of a run: where inputs bend, and every 200 samples.
     """
     began = time.process_time()
 
     def waiting(reached: float, duration: float) -> None:
-        if time.process_time() - began > patience:
+        if time.process_time() - began > patience and reached < duration:
             raise IntegrationError(f"took longer than {patience:g} s to come to {reached:.3g} s")
 
-    return motion_of(model, settings, progress=waiting)
+    stamps = sample_times(settings.duration, settings.sample_time)
+    status, times, states = states_at(integrator, settings.profile, x, stamps, waiting)
+    if status == "interrupted":
+        raise KeyboardInterrupt
+    if status != "finished":
+        raise IntegrationError(status.removeprefix("stopped: "))
+    return times, states
