@@ -27,7 +27,7 @@ from sweep_work import Logged, Tips
 from softmpc import InputError, Scene, build, chen2022, find_equilibrium
 from softmpc.cli.sweep_options import executor_for, sweep_options
 from softmpc.errors import SweepError
-from softmpc.sweep_chunks import packed
+from softmpc.sweep_chunks import _unpacked, packed
 from softmpc.sweeps import sweep, usable_cores
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -93,6 +93,15 @@ def test_same_results_on_other_executors(in_this_process: list) -> None:
     for pool in pools:
         with pool:
             assert sweep(Tips(SCENE), PRESSURES, executor=pool, chunk=4) == in_this_process
+
+
+def test_threads_do_not_share_the_work() -> None:
+    """What it computes for itself is made without a lock; in a thread it serves all chunks."""
+    work = packed(Tips(SCENE), "work")
+    mine = _unpacked(work)
+    assert _unpacked(work) is mine
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(_unpacked, work).result() is not mine
 
 
 def test_dask(in_this_process: list, tmp_path: Path) -> None:
