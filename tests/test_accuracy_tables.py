@@ -51,6 +51,7 @@ def study() -> Study:
         Point(Configuration("effects", "later still", {"a": 3})),
     ]
     rods = {"rod": "a rod of 40 elements", "bent": "a rod of 40 elements", "old": "printed"}
+    rods["far"] = "told at length, " * 10
     rest = FamilyResult("rest", rods, tuple(points))
     loop = FamilyResult("loop", {}, (), "the scene has no table [track]")
     return Study("Arm", "interrupted", True, MACHINE, (rest, loop), {"title": "Arm"})
@@ -94,8 +95,7 @@ def test_orders_for_people(study: Study) -> None:
 
 
 def test_lines_fit_a_terminal(study: Study) -> None:
-    *others, machine = terminal(study).splitlines()
-    assert max(map(len, others)) <= 100 and machine.startswith("measured on")
+    assert max(map(len, terminal(study).splitlines())) <= 100
 
 
 def test_markdown(study: Study) -> None:

@@ -99,7 +99,7 @@ def terminal(study: Study) -> str:
     """All families: points, orders beside theory, what could not be measured; the machine."""
     parts = [f"{study.title}: what accuracy costs in time ({_state(study)})"]
     for family in study.families:
-        parts.append("\n".join(_about(family)))
+        parts.append("\n".join(map(_wrapped, _about(family))))
         if table := _points(family, TERMINAL):
             parts.append("\n".join(_aligned(table, 1)))
         if table := _orders(family):
@@ -108,8 +108,8 @@ def terminal(study: Study) -> str:
             parts.append("\n".join(["not measured:", *lines]))
     if study.points:
         explained = "; ".join(f"{sign}: {text}" for sign, text in EXPLAINED.items())
-        parts.append("\n".join(textwrap.wrap(explained, WIDTH)))
-    return "\n\n".join([*parts, _machine(study.machine)])
+        parts.append(_wrapped(explained))
+    return "\n\n".join([*parts, _wrapped(_machine(study.machine))])
 
 
 def markdown(study: Study) -> str:
@@ -274,7 +274,8 @@ def _size(size: float) -> str:
     return f"1/{whole}" if whole > 1 and abs(whole * size - 1) < 1e-9 else f"{size:g}"
 
 
-# ---------------------------------------------------------------- layout
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, WIDTH, subsequent_indent="  ")
 
 
 def _aligned(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
