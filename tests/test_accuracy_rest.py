@@ -22,6 +22,7 @@ from softmpc.accuracy.rest import Rest
 from softmpc.accuracy.rest_references import AT_BENT, AT_ZERO, END, POSTURE
 from softmpc.accuracy.study import read_task
 from softmpc.errors import BuildError, InputError, SceneError, SoftmpcError
+from softmpc.model.counting import executed
 from softmpc.model.scene import STRAINS, Scene, default_effects
 from softmpc.model.scene_file import KINEMATICS, scene_from_dict, scene_to_dict
 
@@ -77,10 +78,10 @@ def check_order(found: Fit, theory: float) -> None:
 # ---------------------------------------------------------------- orders
 
 
-@pytest.mark.parametrize("series", GAUSS)
-def test_gauss_mass_is_of_second_order(series: str) -> None:
-    check_order(fit("example", series, (1, 2, 4)), 2.0)
-    check_order(fit("example", series, (2, 4, 8), "frequency_error"), 2.0)
+def test_gauss_mass_is_of_second_order() -> None:
+    """Frequencies too, once the third is a bending again: of one segment it is torsion."""
+    check_order(fit("example", "2 Gauss points", (1, 2, 4)), 2.0)
+    check_order(fit("example", "2 Gauss points", (2, 4, 8), "frequency_error"), 2.0)
 
 
 @pytest.mark.parametrize("series", ["lumped mass", FULL])
@@ -98,14 +99,13 @@ def test_rates_that_are_passed_on_cost_an_order() -> None:
 
 
 def test_the_printed_transmission_does_not_converge() -> None:
-    counts = (1, 2, 4, 8)
+    counts = (1, 2, 4)
     errors = [error("example", PRINTED, n) for n in counts]
     assert fit("example", PRINTED, counts).verdict == DIVERGES
-    assert errors[1]["error_m"] < errors[2]["error_m"] < errors[3]["error_m"]
-    assert errors[3]["error_m"] > errors[0]["error_m"]
+    assert errors[2]["error_m"] > max(errors[0]["error_m"], errors[1]["error_m"])
     lowest = np.array([each["frequencies"][AT_ZERO][0] for each in errors])
     assert np.all(lowest[1:] / lowest[:-1] > 1.3)  # with √n, beyond all bounds
-    assert lowest[-1] > 2 * references("example")[AT_ZERO]["frequencies"][0]
+    assert lowest[-1] > 1.5 * references("example")[AT_ZERO]["frequencies"][0]
 
 
 def test_newton_euler_lets_frequencies_be_complex() -> None:
@@ -125,9 +125,10 @@ def test_orders_of_the_finest_sizes(name: str, series: str, theory: float) -> No
 
 @pytest.mark.slow
 def test_the_printed_transmission_of_three_sections() -> None:
-    counts = (1, 2, 4)
+    counts = (1, 2, 4, 8)
     assert fit("three sections", PRINTED, counts).verdict == DIVERGES
     found = [error("three sections", PRINTED, n) for n in counts]
+    assert found[-1]["error_m"] > found[1]["error_m"]
     lowest = np.array([each["frequencies"][AT_ZERO][0] for each in found])
     assert np.all(lowest[1:] > 1.2 * lowest[:-1])
 
@@ -204,21 +205,22 @@ def test_a_scene_with_the_papers_elasticity_keeps_it() -> None:
 def test_a_scene_beyond_the_rod_is_measured_against_a_fine_model(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """An arm that does not twist; the fine model is what more segments come to."""
-    monkeypatch.setattr(rest_references, "FINER", 1)  # 8 against 4 segments, for speed
+    """An arm that does not twist: the limit of its own segments, where the rod's tip is not."""
+    monkeypatch.setattr(rest_references, "segment_counts", lambda task: [1, 2])  # for speed
     strains = STRAINS[:3]
     scene = Scene(PAPER, strains=strains, effects=default_effects(strains))
     task = Task(scene_to_dict(scene), quick=True)
     known = {name: FAMILY.reference(task, name) for name in ("posture 1", AT_ZERO)}
     assert "not independent" in known["posture 1"]["about"]
     assert "kappa_z" in known["posture 1"]["about"]
-    assert 1e-5 < known["posture 1"]["doubt_m"] < 1e-2
+    assert "2 and 4 segments" in known["posture 1"]["about"]
+    assert 1e-4 < known["posture 1"]["doubt_m"] < 1e-2
     rest = {name: {"about": "left out"} for name in FAMILY.references(task) if name not in known}
     one, two = (
         FAMILY.error(task, Configuration("", "", {"model.segments": n}), known | rest)
         for n in (1, 2)
     )
-    assert 3 < one["error_m"] / two["error_m"] < 5
+    assert 3.5 < one["error_m"] / two["error_m"] < 4.6
     assert one["doubt_m"] == known["posture 1"]["doubt_m"]
 
 
@@ -270,8 +272,9 @@ def test_costs_stand_beside_the_scene_as_given() -> None:
     assert found["ratio"] == pytest.approx(found["time_s"] / found["beside_s"])
     for key in ("time_s", "spread_s", "build_s", "rest_s"):
         assert 0 <= found[key] < 10
-    one = FAMILY.cost(task, FAMILY.configurations(task)[0])
-    assert found["instructions"] > 1.5 * one["instructions"]
+    model = model_of(segments=2)
+    wanted = executed(model.residual) + executed(model.residual_jacobian)
+    assert found["instructions"] == wanted
 
 
 def test_costs_that_would_take_minutes_are_refused() -> None:

@@ -151,8 +151,8 @@ LOADED: tuple[Effect, ...] = (
 @pytest.mark.parametrize(
     "more, law",
     [
-        pytest.param((), VirtualPower(), id="bare"),
-        pytest.param(LOADED, VirtualPower(), id="loads, payload and water"),
+        pytest.param(LOADED[:3], VirtualPower(), id="load, payload and buoyancy"),
+        pytest.param(LOADED, VirtualPower(), id="and added mass", marks=pytest.mark.slow),
         pytest.param((), VirtualPower(elasticity=StrainElasticity()), id="the paper's elasticity"),
     ],
 )

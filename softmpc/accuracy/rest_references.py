@@ -13,6 +13,7 @@ from softmpc.accuracy.configuration import Task
 from softmpc.accuracy.model_axes import segment_counts
 from softmpc.accuracy.rod_of_scene import SceneRod, rod_of_scene, unknown_to_rod
 from softmpc.errors import InputError, SoftmpcError, unknown_name
+from softmpc.model.chain import Chain
 from softmpc.model.effects import Inertia
 from softmpc.model.formulations import VirtualPower
 from softmpc.model.kinematics import ConstantStrainArc
@@ -32,7 +33,8 @@ QUICK, FULL = 4, 8  # postures
 SEED, ATTEMPTS = 2022, 10
 POSTURE, END = "posture", "end of [simulate]"
 AT_ZERO, AT_BENT = "frequencies without pressure", "frequencies at posture 1"
-FINER = 4  # times the segments of the finest candidate
+FINER = 2  # times the segments of the finest candidate
+MOST_WITH_LAWS = 8  # segments, with forces whose derivatives CasADi makes for the whole arm
 COARSE_TOLERANCE, COARSE_NODES = 1e-8, 16  # of the rod, for its doubt
 ROD = "an extensible Kirchhoff rod without segments, solved as a boundary-value problem"
 Numbers = dict[str, Any]
@@ -117,7 +119,13 @@ def _of_rod(rod: SceneRod) -> _Standard:
 
 
 def _of_model(task: Task, scene: Scene, why: str) -> _Standard:
+    """Two models extrapolated to no segment length at all, as second order has it.
+
+    The doubt is how far that is from the finer one.
+    """
     most = min(MAX_SEGMENTS, FINER * segment_counts(task)[-1])
+    if Chain(scene).beyond() is not None:
+        most = min(most, MOST_WITH_LAWS)
     law = scene.formulation.elasticity
     fine = replace(
         scene, formulation=VirtualPower(GaussMass(3), law), kinematics=ConstantStrainArc()
@@ -125,14 +133,19 @@ def _of_model(task: Task, scene: Scene, why: str) -> _Standard:
     models = [build(fine.with_(segments=n)) for n in (most, most // 2)]
 
     def posture(p: np.ndarray) -> tuple[np.ndarray, float]:
-        one, other = (_rest(model, p).tips for model in models)
-        return one, farthest(one, other)
+        fine, coarse = (_rest(model, p).tips for model in models)
+        limit = fine + (fine - coarse) / 3
+        return limit, farthest(limit, fine)
 
     def modes(p: np.ndarray) -> tuple[np.ndarray, float]:
-        return _compared(*(frequencies(model, _rest(model, p).q, p).real for model in models))
+        fine, coarse = (frequencies(model, _rest(model, p).q, p).real for model in models)
+        return _compared(fine + (fine - coarse) / 3, fine)
 
-    about = f"a model with {most} segments a section and 3 Gauss points, not independent of the "
-    return _Standard(f"{about}others, because the rod does not know this: {why}", posture, modes)
+    about = (
+        f"models with {most // 2} and {most} segments a section and 3 Gauss points, extrapolated; "
+        f"not independent of the others, because the rod does not know this: {why}"
+    )
+    return _Standard(about, posture, modes)
 
 
 def _compared(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, float]:
