@@ -21,6 +21,7 @@ from softmpc.accuracy.configuration import Task
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.work import Case, Measure
 from softmpc.cli.main import main
+from softmpc.view import accuracy_front, accuracy_style
 
 SCENE = """
 title = "Arm"
@@ -40,6 +41,9 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
 
     study_work.only_fakes(monkeypatch)
     monkeypatch.setattr(study, "measured_alone", measured)
+    for name in study_work.FAKES:  # what pictures call a family
+        monkeypatch.setitem(accuracy_front.TITLES, name, name)
+        monkeypatch.setitem(accuracy_style.PLACES, name, name)
 
 
 @pytest.fixture
