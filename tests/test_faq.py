@@ -40,6 +40,7 @@ from softmpc.model.mass import LumpedMass
 from softmpc.model.model import Model
 from softmpc.model.scene import default_effects
 from softmpc.model.scene_file import scene_from_dict
+from softmpc.planning.elastic import require_solver
 from softmpc.planning.problem import check_times
 from softmpc.simulation.cvodes import Cvodes
 from softmpc.simulation.inputs import InputProfile, Step
@@ -68,13 +69,10 @@ def has(text: str, quoted: str) -> bool:
 
 
 def of(document: dict[str, Any]) -> Callable[[], object]:
-    """Of building a scene."""
     return lambda: softmpc.build(scene_from_dict(document))
 
 
 def loading(text: str | None) -> Callable[[], object]:
-    """Of a scene file with that text, or of none."""
-
     def load() -> object:
         if text is not None:
             Path("arm.toml").write_text(text, encoding="utf-8")
@@ -84,8 +82,6 @@ def loading(text: str | None) -> Callable[[], object]:
 
 
 def command(*words: str) -> Callable[[], object]:
-    """Of a command; ARM stands for a scene file."""
-
     def call() -> object:
         Path("arm.toml").write_text(ARM, encoding="utf-8")
         return CliRunner().invoke(main, [word.replace("ARM", "arm.toml") for word in words]).output
@@ -155,6 +151,12 @@ def wrong_mode() -> object:
 def other_version() -> object:
     np.savez("run.npz", about='{"schema": 99}')
     return read_npz(Path("run.npz"))
+
+
+def no_piqp() -> object:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("casadi.has_conic", lambda name: False)
+        return require_solver()
 
 
 def others_files() -> object:
@@ -256,6 +258,7 @@ PROVOKED: dict[str, Callable[[], object]] = {
     "least time chooses": lambda: check_times("time", [1.0], 2.0),
     "least … needs a time": lambda: check_times("effort", [None], None),
     "no motion meets all": lambda: judged_plan(status="infeasible", gives_way=["x"], held_by=[]),
+    "plans need the solver": no_piqp,
     "…: rate = ": lambda: SectionTips(rate=300.0),
     "…: holds files that are not": others_files,
     "… not found; on Debian": lambda: replace(CORTEX_M7, compiler="no-such-gcc").missing,

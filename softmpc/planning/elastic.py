@@ -14,12 +14,24 @@ import casadi as ca
 import numpy as np
 from scipy import sparse
 
-__all__ = ["Elastic", "Step"]
+from softmpc.errors import BuildError
+
+__all__ = ["Elastic", "Step", "require_solver"]
 
 PIQP = {"eps_abs": 1e-7, "eps_rel": 1e-7, "max_iter": 200, "reg_lower_limit": 1e-8}
 SOFTENING = 1e-6  # curvature of a slack
+MISSING = (
+    "plans need the solver PIQP, which this build of CasADi has not: install casadi 3.8 or later "
+    "from PyPI; all else works without"
+)
 
 Array = np.ndarray
+
+
+def require_solver() -> None:
+    """Raise `BuildError` where CasADi has no PIQP, as in 3.7."""
+    if not ca.has_conic("piqp"):
+        raise BuildError(MISSING)
 
 
 @dataclass(frozen=True)

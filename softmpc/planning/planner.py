@@ -16,6 +16,7 @@ from softmpc.errors import InputError
 from softmpc.interrupts import InterruptLater
 from softmpc.model.obstacles import obstacle_names
 from softmpc.planning.attempt import Attempt, Found
+from softmpc.planning.elastic import require_solver
 from softmpc.planning.giving_way import gives_way, held_by
 from softmpc.planning.guesses import Guess, find_guesses
 from softmpc.planning.problem import PlanProblem
@@ -81,11 +82,13 @@ def plan(
     """The least motion that does what the problem asks, or the nearest there is.
 
     Starts run on `executor`, see `softmpc.sweeps.sweep`. `progress(done, total)` counts starts and
-    then rounds of refinement. Raises `InputError` for a problem that makes no sense; whatever else
-    goes wrong is told by the status of the result. Ctrl-C ends it with the best motion until then.
+    then rounds of refinement. Raises `InputError` for a problem that makes no sense, `BuildError`
+    where CasADi lacks the solver; whatever else goes wrong is told by the status of the result.
+    Ctrl-C ends it with the best motion until then.
     """
     settings = settings or PlanSettings()
     _check_start(problem)
+    require_solver()
     one_thread.look()  # CasADi's own library as well
     with one_thread:
         return _Planner(problem, settings, progress or _nobody).run(executor)
