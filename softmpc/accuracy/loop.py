@@ -46,7 +46,8 @@ class Loop(Family):
 
     name: ClassVar[str] = "loop"
     about: ClassVar[str] = (
-        "closed-loop error of the tip on a plant with more segments; time of a controller step"
+        "closed-loop error of the tip on a plant with more segments, where accuracy ends where the "
+        "controller's model does; time of a controller step on its own model"
     )
     error_label: ClassVar[str] = "largest tip error in closed loop (m)"
     cost_label: ClassVar[str] = "controller step, 95 % (s)"
@@ -71,13 +72,13 @@ class Loop(Family):
         scene, asked = tracking(task, AS_GIVEN)
         less, method = coarser(fine_scene(task)).segments, asked.plant.method
         plant = asked.plant.scene or scene
+        seconds = asked.reference.duration
+        part = "the first " if seconds == LONGEST[task.quick] else ""
         about = (
-            f"a plant with {plant.segments} segments a section, {method.name}, "
-            f"{asked.reference.duration:g} s of the path; in doubt by the difference from one with "
-            f"{less}"
+            f"a plant with {plant.segments} segments a section by {method.name}, for "
+            f"{part}{seconds:g} s of the path; its doubt is the difference from one with {less}"
         )
-        short = f" (of a longer path {LONGEST[task.quick]:g} s)"
-        return {"segments": plant.segments, "coarser": less, "about": about + short}
+        return {"segments": plant.segments, "coarser": less, "about": about}
 
     def error(
         self, task: Task, configuration: Configuration, references: Mapping[str, Numbers]

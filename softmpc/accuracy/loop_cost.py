@@ -23,7 +23,6 @@ from softmpc.control.closed_loop import Controller, close_loop
 from softmpc.control.real_time import RealTime
 from softmpc.control.track_scene import Plant
 from softmpc.control.tracking import Setup
-from softmpc.errors import SceneError, unknown_name
 
 __all__ = ["loop_cost"]
 
@@ -46,8 +45,6 @@ def loop_cost(task: Task, configuration: Configuration) -> Numbers:
     in C, its compiler's. `memory_mib` is the most until then, with steps. `instructions` are those
     of its functions of a stage, `c_bytes` of the sources that its C code is.
     """
-    if configuration.variant not in ("", IN_C):
-        raise SceneError(unknown_name("variant of a controller", configuration.variant, [IN_C]))
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="softmpc-"))
         stack.enter_context(environment(SOFTMPC_CACHE=f"{folder}/cache"))

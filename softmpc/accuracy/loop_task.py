@@ -53,10 +53,13 @@ def tracking(task: Task, configuration: Configuration) -> tuple[Scene, Tracking]
 
     What a configuration changes of the arm is what its controller takes the arm for. A budget of
     time is left out: what a controller does shall not depend on the machine. Raises `SceneError`
-    where there is no path, and where the controller has as many segments as the plant.
+    where there is no path, for an unknown variant, and where the controller has as many segments as
+    the plant.
     """
     if reason := why_no_loop(task):
         raise SceneError(reason)
+    if configuration.variant not in ("", IN_C):
+        raise SceneError(unknown_name("variant of a controller", configuration.variant, [IN_C]))
     document = configuration.document(task)
     scene, own = scene_from_dict(dict(task.document)), scene_from_dict(document)
     asked = read_tracking(document["track"], Path(task.folder), document)
@@ -146,7 +149,5 @@ def controlled(setup: Setup, variant: str) -> Iterator[Controller]:
     if variant == IN_C:
         with InTheLoop()(setup) as controller:
             yield controller
-    elif variant:
-        raise SceneError(unknown_name("variant of a controller", variant, [IN_C]))
     else:
         yield setup.controller
