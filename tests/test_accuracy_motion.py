@@ -19,8 +19,9 @@ from softmpc.accuracy.motion import Motion
 from softmpc.accuracy.motion_axes import changes_of
 from softmpc.accuracy.motion_integrator import steps_between
 from softmpc.accuracy.motion_reference import BEST, limit, weights
-from softmpc.accuracy.motion_task import model_of, settings_of
+from softmpc.accuracy.motion_task import model_of, moved, settings_of
 from softmpc.accuracy.motion_variants import DERIVATIVES, model_with
+from softmpc.control.track_scene import read_tracking
 from softmpc.errors import InputError, SceneError
 from softmpc.model.actuation import StaticDrive
 from softmpc.model.counting import executed
@@ -218,6 +219,35 @@ def test_a_start_from_a_file_is_carried_to_other_segments(tmp_path) -> None:
     assert tip == pytest.approx(first, abs=1e-12)
 
 
+TRACK = {
+    "path": "line",
+    "start": [0.0, 0.0, 0.6],
+    "end": [0.01, 0.005, 0.6],
+    "lap_time": 0.6,
+    "laps": 0.5,
+    "smooth_start": 0.2,
+    "settle": 0.1,
+    "controller": {"horizon": 8},
+}
+
+
+def test_the_torques_of_a_tracking_task_lead_along_its_path(tmp_path, monkeypatch) -> None:
+    """In open loop the same model goes where it went under control; the task is run once."""
+    monkeypatch.setenv("SOFTMPC_CACHE", str(tmp_path))
+    document = {"actuation": {"kind": "static"}, "track": TRACK}
+    task = Task(document, quick=True)
+    assert MOTION.missing(task) == ""
+    model = model_of(document)
+    settings = settings_of(task, document, model)
+    run = moved(model, settings, 60.0)
+    path = read_tracking(TRACK, Path(), document).reference
+    assert settings.duration == pytest.approx(0.4)
+    assert np.linalg.norm(run.tips[:, -1] - path.position(run.time), axis=1).max() < 1e-3
+    assert run.tips[0, -1] == pytest.approx(TRACK["start"], abs=1e-6)
+    (kept,) = tmp_path.glob("inputs-*.json")
+    assert len(json.loads(kept.read_text())["times"]) == 18
+
+
 # ---------------------------------------------------------------- costs
 
 
@@ -265,5 +295,5 @@ def test_motions_that_take_too_long_or_stop_are_errors(references, monkeypatch) 
     monkeypatch.setattr("softmpc.accuracy.motion.PATIENCE", {True: 0.0})
     with pytest.raises(IntegrationError, match="took longer than 0 s"):
         MOTION.error(TASK, Configuration("x", "x"), references)
-    with pytest.raises(InputError, match="fin.*fine"):
+    with pytest.raises(InputError, match=r"fin.*fine"):
         MOTION.reference(TASK, "fin")
