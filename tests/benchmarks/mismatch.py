@@ -152,10 +152,10 @@ def deadband() -> float:
 
 
 def numbers(quick: bool) -> dict[str, float]:
-    """Two rows at one lap in quick mode; else all rows, as printed."""
+    """The first row at one lap in quick mode; else all rows, as printed."""
     kept = ("rms_mm", "max_mm", "offset_mm", "hunting_mm", "limits_kept", "failed_steps")
     found: dict[str, float] = {"deadband_nm": deadband()}
-    for name in list(CASES)[: 2 if quick else None]:
+    for name in list(CASES)[: 1 if quick else None]:
         one = row(CASES[name], quick)
         found |= {key(name, what): float(one[what]) for what in kept}
         found[key(name, "estimate to step time ratio")] = one["estimate_ms"] / one["step_ms"]
