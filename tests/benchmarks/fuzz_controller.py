@@ -33,6 +33,7 @@ from tests.benchmarks.common import EXAMPLES, ROOT, LeftOut, arguments
 from tests.codegen_stack import FLAGS, Stack
 
 FUZZ = ROOT / "tests" / "codegen_c" / "fuzz.c"
+MORE = ("arm", "demo")  # folders that are compiled beside the controller
 SINGLE = {
     "gcc": ("-DSMPC_FLOAT", "-fsingle-precision-constant"),
     "clang": ("-DSMPC_FLOAT", "-Xclang", "-cl-single-precision-constant"),
@@ -73,10 +74,10 @@ class Fuzz:
             yield f"  stack: {', '.join(told)}"
 
 
-def compiled(folder: Path, cc: str, flags: Sequence[str]) -> Fuzz:
-    """The program of a generated directory."""
+def compiled(folder: Path, cc: str, flags: Sequence[str], more: Sequence[str]) -> Fuzz:
+    """The program of a generated directory, and objects of more folders in it."""
     files = {"controller": sorted(folder.glob("*.c"))}
-    files |= {of: sorted((folder / of).glob("*.c")) for of in ("arm", "demo")}
+    files |= {of: sorted((folder / of).glob("*.c")) for of in more}
     parts = {
         name: _objects(folder, some, folder / "fuzz" / name, [cc, *flags])
         for name, some in files.items()
@@ -145,12 +146,14 @@ class Fuzzed:
     complaints: list[tuple[int, str]]
 
 
-def fuzz(scene: str, args: argparse.Namespace, flags: Sequence[str]) -> Fuzzed:
+def fuzz(
+    scene: str, args: argparse.Namespace, flags: Sequence[str], more: Sequence[str] = MORE
+) -> Fuzzed:
     """Generate, compile and run."""
     with tempfile.TemporaryDirectory(prefix="softmpc-fuzz-") as scratch:
         folder = Path(scratch) / "controller"
         generate_file(scene, folder)
-        made = compiled(folder, args.cc, flags)
+        made = compiled(folder, args.cc, flags, more)
         share = -(-args.steps // args.workers)
         with ThreadPoolExecutor(args.workers) as threads:
             seeds = range(args.seed, args.seed + args.workers)
@@ -162,11 +165,11 @@ def fuzz(scene: str, args: argparse.Namespace, flags: Sequence[str]) -> Fuzzed:
 
 
 def numbers(quick: bool) -> dict[str, float]:
-    """4,000 steps in quick mode, else 1,000,000; wrong steps, time, and what compiling gives."""
+    """4,000 steps and the controller alone in quick mode, else 1,000,000 and all folders."""
     if shutil.which("gcc") is None:
         raise LeftOut("needs gcc")
     args = arguments_of(["--steps", "4000" if quick else "1000000"])
-    found = fuzz(args.scene, args, (*RELEASE, *FLAGS))
+    found = fuzz(args.scene, args, (*RELEASE, *FLAGS), () if quick else MORE)
     numbers = {
         "steps_count": float(found.steps),
         "workers_that_failed_count": len(found.complaints),
