@@ -73,7 +73,7 @@ class Loop(Family):
         less, method = coarser(fine_scene(task)).segments, asked.plant.method
         plant = asked.plant.scene or scene
         seconds = asked.reference.duration
-        part = "the first " if seconds == LONGEST[task.quick] else ""
+        part = "the first " if np.isclose(seconds, LONGEST[task.quick]) else ""
         about = (
             f"a plant with {plant.segments} segments a section by {method.name}, for "
             f"{part}{seconds:g} s of the path; its doubt is the difference from one with {less}"
