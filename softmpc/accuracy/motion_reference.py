@@ -81,9 +81,6 @@ def limit(task: Task, counts: Sequence[int], patience: float) -> Numbers:
     return _told(motions[-1], about, tips)
 
 
-WEIGHTS = (1 / 45, -20 / 45, 64 / 45)
-
-
 def weights(counts: Sequence[int]) -> np.ndarray:
     """Of motions of n segments each with errors a/n² + b/n⁴ + …, of which their sum has neither.
 
