@@ -299,6 +299,16 @@ def test_the_budget_follows_the_step(pictures: dict[str, Any]) -> None:
     np.testing.assert_allclose(budget.get_ydata(), 1e3 * np.asarray(budget.get_xdata(), float))
 
 
+def test_times_of_one_number_of_segments_are_told_by_name() -> None:
+    given = point("as given", "as given", {}, 0.05, changes={})
+    ways = [point("derivatives", f"{n}, 2 segments", {}, 0.1) for n in ("in loops", "written out")]
+    made: Any = study_figures(study(FamilyResult("motion", {}, (given, *ways))))["times-motion.png"]
+    assert made.axes[0].get_xlabel() == "derivatives (by name)"
+    told = [text.get_text() for text in made.axes[0].get_xticklabels()]
+    assert told == ["in loops, 2 segments", "written out, 2 segments"]
+    assert overlapping(made) == []
+
+
 def test_pictures_of_what_is_not_there() -> None:
     assert study_figures(study(FamilyResult("loop", {}, (), "the scene has no path"))) == {}
     bare = Point(Configuration("as given", "as given"))

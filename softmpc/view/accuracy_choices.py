@@ -97,7 +97,8 @@ def _draw_pair(
     mark = marks(family)[axis]
     known = FAMILIES[family.name]
     ideal = [p.error.get(IDEAL) for p in over.points]
-    _plot(pair[0], over, ideal, error_unit(), color=GREY, marker=".", linestyle=(0, (2, 1.5)),
+    _plot(pair[0], over, ideal, error_unit(), color=GREY, marker=".",
+          linestyle="none" if over.names else (0, (2, 1.5)),
           label="on the controller's own model")  # fmt: skip
     line = {"color": mark.colour, "marker": mark.marker, "linestyle": "none" if over.names else "-"}
     errors, times = [p.proved_m for p in over.points], [p.time_s for p in over.points]
@@ -151,7 +152,7 @@ def _over(study: Study, family: FamilyResult, axis: str) -> Over:
             text = NUMBERS.get(last, f"{last.replace('_', ' ')} (as in the scene file)")
             points, places = [points[i] for i in order], np.array(values, float)[order]
             return Over(points, places, text, [points.index(p) for p in same])
-    names = ["\n".join(textwrap.wrap(p.name.replace("$", r"\$"), LETTERS)) for p in points]
+    names = ["\n".join(textwrap.wrap(_plain(p.name), LETTERS)) for p in points]
     places = np.arange(len(points), dtype=float)
     return Over(points, places, f"{axis} (by name)", [points.index(p) for p in same], names)
 
@@ -194,24 +195,42 @@ def times_figure(study: Study, family: FamilyResult) -> Figure:
     """Time over segments, a line for each variant of compilation or derivatives."""
     shown = times_axes(family)
     made = figure(9.0, 0.6 + 3.2 * len(shown), "What compilation and derivatives cost")
-    unit = time_unit(
-        p.time_s for a in shown for p in family.axis(a) if positive(p.time_s) and p.time_s
-    )
+    unit = time_unit(p.time_s for a in shown for p in family.axis(a) if positive(p.time_s))
     for axes, axis in zip(made.subplots(len(shown), 1, squeeze=False)[:, 0], shown, strict=True):
-        points = [p for p in family.axis(axis) if positive(p.time_s)]
-        for i, name in enumerate(dict.fromkeys(_variant(p) for p in points)):
-            own = sorted((_segments(study, p), p.time_s) for p in points if _variant(p) == name)
-            x, y = np.array(own, float).T
-            axes.plot(x, y * unit.factor, color=COLOURS[i % len(COLOURS)], linestyle=dash(i),
-                      marker=MARKERS[i % len(MARKERS)], label=name)  # fmt: skip
-        axes.margins(0.08, 0.12)
-        axes.autoscale_view()
-        ticks_at(axes, [_segments(study, point) for point in points])
+        points = [point for point in family.axis(axis) if positive(point.time_s)]
+        if len({_segments(study, point) for point in points}) > 1:
+            _draw_over_segments(axes, study, points, unit)
+        else:
+            _draw_by_name(axes, points, unit)
         log_scale(axes, "y", 1.0)
-        label(axes, "segments a section (number)",
-              unit.label(FAMILIES[family.name].cost_label), axis)  # fmt: skip
-        outside(axes)
+        x = axes.get_xlabel() or f"{axis} (by name)"
+        label(axes, x, unit.label(FAMILIES[family.name].cost_label), axis)
     return made
+
+
+def _draw_over_segments(axes: Axes, study: Study, points: Sequence[Point], unit: Unit) -> None:
+    for i, name in enumerate(dict.fromkeys(_variant(point) for point in points)):
+        own = sorted((_segments(study, p), p.time_s) for p in points if _variant(p) == name)
+        x, y = np.array(own, float).T
+        axes.plot(x, y * unit.factor, color=COLOURS[i % len(COLOURS)], linestyle=dash(i),
+                  marker=MARKERS[i % len(MARKERS)], label=name)  # fmt: skip
+    axes.margins(0.08, 0.12)
+    axes.autoscale_view()
+    ticks_at(axes, [_segments(study, point) for point in points])
+    axes.set_xlabel("segments a section (number)")
+    outside(axes)
+
+
+def _draw_by_name(axes: Axes, points: Sequence[Point], unit: Unit) -> None:
+    """All have as many segments."""
+    places = np.arange(len(points), dtype=float)
+    axes.plot(places, [unit.factor * (p.time_s or 0.0) for p in points], "o", color=COLOURS[0])
+    axes.set_xticks(places, [_plain(point.name) for point in points])
+    axes.set_xlim(-0.6, len(points) - 0.4)
+
+
+def _plain(name: str) -> str:
+    return name.replace("$", r"\$")  # no formulas
 
 
 def _variant(point: Point) -> str:

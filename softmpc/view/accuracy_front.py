@@ -22,6 +22,7 @@ from softmpc.view.accuracy_style import (
     marks,
     metres,
     outside,
+    paler,
     positive,
     time_unit,
 )
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["front_figure", "seen", "work_precision_figure"]
 
 FRONT: dict[str, Any] = {"color": INK, "linewidth": 2.2, "zorder": 3}
+HOLLOW: dict[str, Any] = {"color": "white", "linestyle": "none", "label": "_hollow"}
+PALEST = 0.85  # share of white
 LETTERS = 22  # of a name in one line
 FAR = 10.0  # a doubt that many times below the least error is not in the picture
 TITLES = {
@@ -65,7 +68,7 @@ def work_precision_figure(family: FamilyResult) -> Figure:
         x, y = _data(points, units)
         axes.plot(x, y, **style)
         hollow = [i for i, point in enumerate(points) if point.at_floor]
-        axes.plot(x[hollow], y[hollow], **style | _hollow(style["color"]))
+        axes.plot(x[hollow], y[hollow], **style | HOLLOW)
     _finish(axes, family, units, [_array(points, units) for points, _ in lines])
     return made
 
@@ -116,22 +119,20 @@ def _finish(
     place_labels(axes, names, [*lines, _steps(x, y)])
 
 
-def _hollow(colour: str) -> dict[str, Any]:
-    return {"color": "white", "markeredgecolor": colour, "linestyle": "none", "label": "_hollow"}
-
-
 def _lines(family: FamilyResult, known: dict[str, Mark]) -> list[Line]:
-    """The series and lone points of each axis, with how they are drawn."""
+    """The series and lone points of each axis, with how they are drawn; later series are paler."""
     lines: list[Line] = []
     shown = seen(family)
     for axis in family.axes:
         if axis == AS_GIVEN:
             continue
         points = [point for point in shown if point.axis == axis]
-        for i, series in enumerate(dict.fromkeys(p.configuration.series for p in points)):
+        names = dict.fromkeys(p.configuration.series for p in points)
+        for i, series in enumerate(names):
             mark = known[axis]
             style: dict[str, Any] = {
-                "color": mark.colour, "marker": mark.marker, "markersize": 5.5, "linewidth": 1.0,
+                "color": paler(mark.colour, PALEST * i / len(names)), "marker": mark.marker,
+                "markeredgecolor": mark.colour, "markersize": 5.5, "linewidth": 1.1,
                 "linestyle": dash(i) if series else "none",
                 "label": f"{axis}: {series}" if series else axis,
             }  # fmt: skip

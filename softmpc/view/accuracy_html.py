@@ -35,7 +35,7 @@ th, td { padding: .22rem .7rem .22rem 0; text-align: right; vertical-align: top;
   border-bottom: 1px solid #ccc; }
 th { border-bottom: 2px solid #1a1a1a; font-weight: 600; vertical-align: bottom; }
 td { white-space: nowrap; }
-.left { text-align: left; white-space: normal; }
+.left { text-align: left; white-space: normal; min-width: 7rem; }
 figure { margin: 1.2rem 0; }
 img { max-width: 100%; height: auto; }
 figcaption { font-size: .9rem; color: #333; max-width: 46rem; }

@@ -172,7 +172,7 @@ def _rows(points: Sequence[Point], costs: Sequence[str] | None = None) -> list[l
     errors = ["error_m", "doubt_m", "change_m"]
     errors += [] if costs else _keys([p.error for p in points], errors)
     if costs is None:
-        costs = _keys([p.cost for p in points], [])
+        costs = _keys([p.cost for p in points], ["beside_s"])  # the ratio says it
     errors = [key for key in errors if any(p.error.get(key) is not None for p in points)]
     costs = [key for key in costs if any(p.cost.get(key) is not None for p in points)]
     rows = [["axis", "configuration", *map(_heading, [*errors, *costs])]]

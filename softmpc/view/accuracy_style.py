@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DOUBT", "GIVEN", "MARKERS", "PLACES", "Mark", "Unit", "error_unit", "log_scale", "marks",
-    "metres", "outside", "positive", "read_key", "ticks_at", "time_unit", "varied_keys",
+    "metres", "outside", "paler", "positive", "read_key", "ticks_at", "time_unit", "varied_keys",
 ]  # fmt: skip
 
 PLACES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
@@ -95,6 +95,13 @@ def time_unit(values: Iterable[float]) -> Unit:
         if middle * unit.factor >= 0.5:
             return unit
     return Unit("µs", 1e6)
+
+
+def paler(colour: str, white: float) -> tuple[float, ...]:
+    """A colour with so much white in it."""
+    from matplotlib.colors import to_rgb
+
+    return tuple((1.0 - white) * part + white for part in to_rgb(colour))
 
 
 def log_scale(axes: Axes, which: str, least_decades: float = 0.7) -> None:
