@@ -7,6 +7,7 @@ from typing import Any
 
 import casadi as ca
 
+from softmpc.accuracy.printed_rates import with_printed_rates
 from softmpc.errors import SceneError, unknown_name
 from softmpc.model.chain import State
 from softmpc.model.formulations import VirtualPower
@@ -14,10 +15,11 @@ from softmpc.model.jacobians import Jacobians, residual_of, split_pressures
 from softmpc.model.model import Model, build
 from softmpc.model.scene import MAX_SEGMENTS, Scene
 
-__all__ = ["COMPILE", "DERIVATIVES", "model_with"]
+__all__ = ["COMPILE", "DERIVATIVES", "PRINTED_RATES", "model_with"]
 
 WRITTEN_OUT, LOOPS, PLAIN = "written out", "in loops", "plain differentiation"
 DERIVATIVES = (WRITTEN_OUT, LOOPS, PLAIN)
+PRINTED_RATES = "printed rates"  # ω = dw/dt passed on from segment to segment
 COMPILE = {"virtual machine": "never", "compiled": "require"}  # name -> mode of `compiled`
 NAMES = ("by_q", "by_dq", "by_ddq", "by_p")
 
@@ -27,11 +29,13 @@ def model_with(scene: Scene, variant: str) -> Model:
 
     Raises `SceneError` for an unknown variant, and where the scene leaves no choice.
     """
+    if variant == PRINTED_RATES:
+        return with_printed_rates(scene)
     model = build(scene)
     if not variant:
         return model
     if variant not in DERIVATIVES:
-        raise SceneError(unknown_name("variant", variant, DERIVATIVES))
+        raise SceneError(unknown_name("variant", variant, [*DERIVATIVES, PRINTED_RATES]))
     if not isinstance(scene.formulation, VirtualPower):
         raise SceneError(
             f"variant {variant!r}: formulation {scene.formulation.name!r} has one way to its "
