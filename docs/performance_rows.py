@@ -152,7 +152,7 @@ what is not.
 {peers}
 
 soromox and do-mpc are optional (`pip install soromox do-mpc`); acados gets an environment of its
-own, made on the first run. A dash means that one was not installed.
+own, made on the first run. A dash stands for what this run does not have; the last table says why.
 
 ## Simulation
 
