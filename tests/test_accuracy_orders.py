@@ -185,6 +185,8 @@ def test_each_error_has_its_own_doubt() -> None:
     assert fit_series(points, "frequency_error").verdict == AS_THEORY
     points = series([4e-2, 1e-2, 2.5e-3], 2.0, "frequency_error", frequency_doubt=1.0)
     assert fit_series(points, "frequency_error").verdict == AT_FLOOR
+    points = series([4e-2, 1e-2, 2.5e-3], 2.0, "integration_m", integration_doubt_m=1.0)
+    assert fit_series(points, "integration_m").verdict == AT_FLOOR
 
 
 # ---------------------------------------------------------------- what is missing

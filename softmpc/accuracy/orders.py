@@ -77,7 +77,7 @@ def fit_series(points: Sequence[Point], key: str = "error_m") -> Fit:
     """The order of one error along the points of one series; they may be in any order.
 
     An error below 4 times its doubt is at the floor and not fitted. Its doubt is what stands beside
-    it, "doubt_m" for "error_m".
+    it, "doubt_m" for "error_m" and "integration_doubt_m" for "integration_m".
     """
     first = points[0].configuration
     by_size = {_size(point): point for point in points if _is_measured(point, key)}
@@ -139,5 +139,10 @@ def _error(point: Point, key: str) -> float:
 
 def _floor(error: Mapping[str, Any], key: str) -> float:
     """Below, an error says nothing about the order."""
-    doubt = error.get(key.replace("error", "doubt")) if "error" in key else None
+    doubt = error.get(_doubt_of(key))
     return max(CLEAR * (doubt or 0.0), ROUNDING)
+
+
+def _doubt_of(key: str) -> str:
+    """ "doubt_m" of "error_m", "integration_doubt_m" of "integration_m"."""
+    return key.replace("error", "doubt") if "error" in key else f"{key.removesuffix('_m')}_doubt_m"

@@ -16,7 +16,10 @@ from softmpc.accuracy.points import TO_COME, FamilyResult, Point, Study
 from softmpc.accuracy.work import MEASURED
 from softmpc.study.lengths import length_text
 
-__all__ = ["columns", "conclusions", "markdown", "terminal", "time_text"]
+__all__ = [
+    "columns", "conclusions", "machine_text", "markdown", "order_table", "piped", "terminal",
+    "time_text",
+]  # fmt: skip
 
 Table = list[list[str]]  # the head first
 NONE = "–"
@@ -102,14 +105,14 @@ def terminal(study: Study) -> str:
         parts.append("\n".join(map(_wrapped, _about(family))))
         if table := _points(family, TERMINAL):
             parts.append("\n".join(_aligned(table, 1)))
-        if table := _orders(family):
+        if table := order_table(family):
             parts.append("\n".join(_aligned(table, 3)))
         if lines := _failures(family):
             parts.append("\n".join(["not measured:", *lines]))
     if study.points:
         explained = "; ".join(f"{sign}: {text}" for sign, text in EXPLAINED.items())
         parts.append(_wrapped(explained))
-    return "\n\n".join([*parts, _wrapped(_machine(study.machine))])
+    return "\n\n".join([*parts, _wrapped(machine_text(study.machine))])
 
 
 def markdown(study: Study) -> str:
@@ -119,15 +122,15 @@ def markdown(study: Study) -> str:
         first, *others = _about(family)
         blocks += [f"## {_capital(family.name)}", _sentence(first), *_listed(others)]
         if table := _points(family, PAGE):
-            blocks.append(_piped(table, 1))
-        if table := _orders(family):
-            blocks += ["### Orders of convergence", _piped(table, 3)]
+            blocks.append(piped(table, 1))
+        if table := order_table(family):
+            blocks += ["### Orders of convergence", piped(table, 3)]
         if lines := _failures(family):
             blocks += ["### Not measured", *_listed(lines)]
     if study.points:
         lines = [f"`{sign}`: {text}" for sign, text in EXPLAINED.items()]
         blocks += ["## What the columns are", *_listed(lines)]
-    return "\n\n".join([*blocks, "## Machine", _sentence(_machine(study.machine))])
+    return "\n\n".join([*blocks, "## Machine", _sentence(machine_text(study.machine))])
 
 
 def time_text(seconds: float) -> str:
@@ -165,7 +168,7 @@ def _about(family: FamilyResult) -> list[str]:
     return [f"{family.name}: {about[0].lower()}{about[1:]}", *references]
 
 
-def _machine(machine: Mapping[str, Any]) -> str:
+def machine_text(machine: Mapping[str, Any]) -> str:
     """The machine in a line."""
     load = machine.get("load")
     shown = [
@@ -255,7 +258,7 @@ def _failures(family: FamilyResult) -> list[str]:
     return [*bad, *([f"{left} points that are still to be measured"] if left else [])]
 
 
-def _orders(family: FamilyResult) -> Table:
+def order_table(family: FamilyResult) -> Table:
     rows = [_fit_row(fit) for fit in fits(family)]
     return [ORDERS, *rows] if rows else []
 
@@ -291,7 +294,7 @@ def _aligned(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
     return lines
 
 
-def _piped(rows: Table, texts: int) -> str:
+def piped(rows: Table, texts: int) -> str:
     """A table of Markdown."""
     head, *body = rows
     rule = ["---"] * texts + ["---:"] * (len(head) - texts)

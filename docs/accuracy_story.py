@@ -1,0 +1,307 @@
+"""The text of the accuracy page: what a stored study says, section by section.
+
+Every number comes from the study. What a sentence claims is looked up too, so that a study that
+says otherwise gives another sentence, or an error.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from accuracy_lookup import MISSING, along, length, ratio, seconds, segment_table
+
+from softmpc.accuracy.front import front
+from softmpc.accuracy.orders import DIVERGES, fits
+from softmpc.accuracy.points import FamilyResult, Point, Study
+from softmpc.accuracy.tables import machine_text, order_table, piped
+from softmpc.study.lengths import length_text
+
+__all__ = ["story"]
+
+
+def story(study: Study) -> str:
+    """The whole page, pictures as links to docs/images."""
+    rest, motion, loop = (study.family(name) for name in ("rest", "motion", "loop"))
+    parts = [
+        _head(study),
+        _front(motion),
+        _segments(rest),
+        _transmission(rest),
+        _rates(rest),
+        _motion(motion),
+        _hydraulics(motion),
+        _numerics(motion),
+        _controllers(loop),
+        _orders(study),
+        _how(study),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+# ---------------------------------------------------------------- sections
+
+
+def _head(study: Study) -> str:
+    mode = "in quick mode" if study.quick else "in full"
+    return f"""\
+# What accuracy costs
+
+How exact is a model, what does that cost, and when does more of it no longer help? This page is
+one study of one scene, measured {mode}: `examples/accuracy.toml`, the paper's arm under torques that
+bend it out of plane, and a figure eight to track.
+
+```bash
+softmpc study examples/accuracy.toml --out out/accuracy
+```
+
+The same command does it for your own arm ([](study.md)), and `softmpc choose` picks the cheapest
+configuration within your tolerance ([](choose.md)). Every number and picture here is written from
+one stored run by `python docs/make_accuracy.py`. {machine_text(study.machine).capitalize()}; times
+are medians, and compare with each other rather than with those of other machines."""
+
+
+def _front(motion: FamilyResult) -> str:
+    best = front(motion).points
+    rows = [["configuration", "tip error", "time a simulated second", "to the scene as given"]]
+    rows += [[p.name, length(p), seconds(p), ratio(p)] for p in best]
+    return f"""\
+## In one picture
+
+Each point is one way to simulate the scene's motion: its largest tip error against a fine model, and
+the time for a second of motion. Nothing below and to the left of the line is to be had.
+
+![Tip error over time, and the Pareto front.](images/accuracy_front.png)
+
+{piped(rows, 1)}"""
+
+
+def _segments(rest: FamilyResult) -> str:
+    names = ("lumped mass", "1 Gauss point", "2 Gauss points", "3 Gauss points")
+    rows = {name: along(rest, "segments and mass", name) for name in names}
+    one, eight = rows["2 Gauss points"][1], rows["lumped mass"][8]
+    better = (eight.error_m or 0.0) / (one.error_m or 1.0)
+    cheaper = (eight.time_s or 0.0) / (one.time_s or 1.0)
+    verdict = "beats" if better > 1 and cheaper > 1 else "does not beat"
+    return f"""\
+## Where the mass of a segment is
+
+At rest, against a rod without segments: the largest distance of a section tip, over postures all
+around the workspace.
+
+{segment_table(rows, "error_m")}
+
+**One segment with two Gauss points {verdict} eight with lumped mass**: {length(one)} against
+{length(eight)}, and a residual with its Jacobian takes {seconds(one)} instead of {seconds(eight)}
+({cheaper:.0f} times as long). Lumped mass halves its error with each doubling of the segments, Gauss
+points quarter it.
+
+![Tip error at rest over the size of a segment.](images/accuracy_segments.png)"""
+
+
+def _transmission(rest: FamilyResult) -> str:
+    names = {
+        "Newton-Euler, as printed": ("formulation", "Newton-Euler, as printed"),
+        "Newton-Euler, full wrench": ("formulation", "Newton-Euler, full wrench"),
+        "virtual power, lumped mass": ("segments and mass", "lumped mass"),
+    }
+    rows = {name: along(rest, *where) for name, where in names.items()}
+    shown = sorted({n for points in rows.values() for n in points})
+    table = [["lowest frequency, off by", *map(str, shown)]]
+    for name, points in rows.items():
+        table.append([name, *(_share(points.get(n), 0) for n in shown)])
+    flagged = {fit.series for fit in fits(rest) if fit.verdict == DIVERGES}
+    says = "flags" if "Newton-Euler, as printed" in flagged else "does not flag"
+    return f"""\
+## The printed transmission does not converge
+
+A segment hands on what the next one does to it. Equation (22) keeps the axial force and the moment
+and drops shear. More segments do not help then:
+
+{segment_table(rows, "error_m")}
+
+{piped(table, 1)}
+
+The study {says} the printed form, by its numbers alone. With the whole wrench the same balance
+converges, at first order, as virtual power with lumped mass does. Both Newton-Euler forms have a mass
+matrix that is not symmetric; see [](equations.md#what-the-formulations-are-worth).
+
+![Convergence of the formulations.](images/accuracy_formulation.png)"""
+
+
+def _share(point: Point | None, mode: int) -> str:
+    """Relative error of a frequency."""
+    found = None if point is None else point.error.get("frequency_errors")
+    if not found or found[mode] is None:
+        return MISSING
+    return f"{100 * found[mode]:+.2g} %"
+
+
+def _rates(rest: FamilyResult) -> str:
+    axis = "angular velocity"
+    printed = next(iter({p.configuration.series for p in rest.axis(axis)}))
+    rows = {
+        "ω = θ̇, as Eqs (5) and (6) have it": along(rest, axis, printed),
+        "exact ω": along(rest, "segments and mass", "2 Gauss points"),
+    }
+    orders = {fit.series: fit.order for fit in fits(rest) if fit.key == "error_m"}
+    told = f"{orders[printed] or 0.0:.2f} instead of {orders['2 Gauss points'] or 0.0:.2f}"
+    return f"""\
+## ω = θ̇ costs an order
+
+The rate of the rotation vector is the angular velocity only while the axis of rotation stands still.
+Out of plane it does not. If velocities are propagated with it, the fitted order is {told}:
+
+{segment_table(rows, "error_m")}"""
+
+
+def _motion(motion: FamilyResult) -> str:
+    rows = {
+        series: along(motion, axis, series)
+        for axis in ("segments and mass", "formulation", "kinematics")
+        for series in dict.fromkeys(p.configuration.series for p in motion.axis(axis))
+        if series
+    }
+    return f"""\
+## In motion
+
+The same over the scene's motion, against a fine model ({motion.references.get("fine", "")}). What
+could not be run in reasonable time is left out.
+
+{segment_table(rows, "error_m")}"""
+
+
+def _change(point: Point) -> float:
+    return float(point.error.get("change_m") or point.error_m or 0.0)
+
+
+def _changes(points: Iterable[Point]) -> str:
+    known = [p for p in points if p.error.get("change_m") is not None]
+    rows = [["change", "moves the tip by", "time, to the scene as given"]]
+    rows += [[p.name, length_text(_change(p)), ratio(p)] for p in sorted(known, key=_change)[::-1]]
+    return piped(rows, 1)
+
+
+def _hydraulics(motion: FamilyResult) -> str:
+    drive = motion.axis("drive")
+    added = [p for p in drive if p.name.startswith("with ")]
+    coarser = [p for p in drive if p not in added]
+    return f"""\
+## What hydraulics detail changes
+
+The drive of (36) is stiff. What coarser drives change in the motion of the tip, and what they save:
+
+{_changes(coarser)}
+
+What the paper's hydraulics leave out, added one by one to the scene as given:
+
+{_changes(added)}
+
+So for a real rig it is the hydraulics, not the segments, that a model has to be told: see
+[](hydraulics.md).
+
+## What the effects change
+
+{_changes([*motion.axis("effects"), *motion.axis("strains")])}
+
+Beyond the paper:
+
+{_changes(motion.axis("effects added"))}
+
+![What effects and the drive change.](images/accuracy_changes.png)"""
+
+
+def _numerics(motion: FamilyResult) -> str:
+    rows = [["integrator", "error of the integration", "tip error", "time a simulated second"]]
+    rows += [
+        [p.name, length(p, "integration_m"), length(p), seconds(p)]
+        for p in motion.axis("integrator")
+    ]
+    times = [["", "Jacobian, µs a call", "time a simulated second", "build, s"]]
+    for point in [*motion.axis("derivatives"), *motion.axis("compilation")]:
+        cost = point.cost
+        cells = (_number(cost.get("jacobian_us")), seconds(point), _number(cost.get("build_s")))
+        times.append([point.name, *cells])
+    return f"""\
+## What the numerics cost
+
+Integrators beside each other, on the same model:
+
+{piped(rows, 1)}
+
+How the Jacobian comes about, and what a compiler brings:
+
+{piped(times, 1)}"""
+
+
+def _number(value: float | None) -> str:
+    return MISSING if value is None else f"{value:.3g}"
+
+
+def _controllers(loop: FamilyResult) -> str:
+    rows = [["controller", "largest tip error", "RMS", "on its own model", "step, 95 %", "C"]]
+    for axis in loop.axes:
+        if axis != "as given":
+            rows.append([f"**{axis}**", *[""] * 5])
+        for point in loop.axis(axis):
+            size = point.cost.get("c_bytes")
+            rows.append(
+                [
+                    point.name,
+                    length(point),
+                    length(point, "rms_m"),
+                    length(point, "own_plant_m"),
+                    seconds(point),
+                    MISSING if size is None else f"{size / 1024:.0f} KiB",
+                ]
+            )
+    given = loop.points[0]
+    return f"""\
+## Where the controller's accuracy saturates
+
+The scene's figure eight, tracked on a plant with more segments than any controller has. “On its own
+model” is the same loop where plant and controller agree.
+
+{piped(rows, 1)}
+
+On its own model the scene's controller is {length(given, "own_plant_m")} off at most, and
+{length(given)} on the fine plant: beyond that, a longer horizon, a shorter step or a converged solver
+buy nothing, and segments of the controller's model do, or an estimate of the disturbance
+([](estimation.md)).
+
+![Controllers: error and time of a step.](images/accuracy_controllers.png)"""
+
+
+def _orders(study: Study) -> str:
+    rows: list[list[str]] = []
+    for family in study.families:
+        head, *body = order_table(family) or [[]]
+        if not rows:
+            rows.append(["family", *head])
+        rows += [[family.name, *row] for row in body]
+    return f"""\
+## Orders of convergence
+
+Fitted to the three finest sizes that are clear of the doubt of what they are measured against:
+
+{piped(rows, 4)}"""
+
+
+def _how(study: Study) -> str:
+    told = [
+        f"- **{family.name}**, {name}: {text}"
+        for family in study.families
+        for name, text in family.references.items()
+        if text
+    ]
+    listed = "\n".join(told)
+    return f"""\
+## What was measured against what
+
+{listed}
+
+How points are measured, how times are kept alone on their core, and what the files hold is on
+[](study.md)."""
