@@ -51,8 +51,8 @@ def _head(study: Study) -> str:
 # What accuracy costs
 
 How exact is a model, what does that cost, and when does more of it no longer help? This page is
-one study of one scene, measured {mode}: `examples/accuracy.toml`, the paper's arm under torques that
-bend it out of plane, and a figure eight to track.
+one study of one scene, measured {mode}: `examples/accuracy.toml`, the paper's arm under torques
+that bend it out of plane, and a figure eight to track.
 
 ```bash
 softmpc study examples/accuracy.toml --out out/accuracy
@@ -71,8 +71,8 @@ def _front(motion: FamilyResult) -> str:
     return f"""\
 ## In one picture
 
-Each point is one way to simulate the scene's motion: its largest tip error against a fine model, and
-the time for a second of motion. Nothing below and to the left of the line is to be had.
+Each point is one way to simulate the scene's motion: its largest tip error against a fine model,
+and the time for a second of motion. Nothing below and to the left of the line is to be had.
 
 ![Tip error over time, and the Pareto front.](images/accuracy_front.png)
 
@@ -96,8 +96,8 @@ around the workspace.
 
 **One segment with two Gauss points {verdict} eight with lumped mass**: {length(one)} against
 {length(eight)}, and a residual with its Jacobian takes {seconds(one)} instead of {seconds(eight)}
-({cheaper:.0f} times as long). Lumped mass halves its error with each doubling of the segments, Gauss
-points quarter it.
+({cheaper:.0f} times as long). Lumped mass halves its error with each doubling of the segments,
+Gauss points quarter it.
 
 ![Tip error at rest over the size of a segment.](images/accuracy_segments.png)"""
 
@@ -126,8 +126,8 @@ and drops shear. More segments do not help then:
 {piped(table, 1)}
 
 The study {says} the printed form, by its numbers alone. With the whole wrench the same balance
-converges, at first order, as virtual power with lumped mass does. Both Newton-Euler forms have a mass
-matrix that is not symmetric; see [](equations.md#what-the-formulations-are-worth).
+converges, at first order, as virtual power with lumped mass does. Both Newton-Euler forms have a
+mass matrix that is not symmetric; see [](equations.md#what-the-formulations-are-worth).
 
 ![Convergence of the formulations.](images/accuracy_formulation.png)"""
 
@@ -152,8 +152,8 @@ def _rates(rest: FamilyResult) -> str:
     return f"""\
 ## ω = θ̇ costs an order
 
-The rate of the rotation vector is the angular velocity only while the axis of rotation stands still.
-Out of plane it does not. If velocities are propagated with it, the fitted order is {told}:
+The rate of the rotation vector is the angular velocity only while its axis stands still. Out of
+plane it does not. If velocities are propagated with it, the fitted order is {told}:
 
 {segment_table(rows, "error_m")}"""
 
@@ -268,8 +268,8 @@ model” is the same loop where plant and controller agree.
 {piped(rows, 1)}
 
 On its own model the scene's controller is {length(given, "own_plant_m")} off at most, and
-{length(given)} on the fine plant: beyond that, a longer horizon, a shorter step or a converged solver
-buy nothing, and segments of the controller's model do, or an estimate of the disturbance
+{length(given)} on the fine plant: beyond that, a longer horizon, a shorter step or a converged
+solver buy nothing, and segments of the controller's model do, or an estimate of the disturbance
 ([](estimation.md)).
 
 ![Controllers: error and time of a step.](images/accuracy_controllers.png)"""
