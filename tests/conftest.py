@@ -41,6 +41,12 @@ ON_LINUX: dict[str, tuple[str, ...]] = {
     ),
 }
 
+# What CasADi 3.7 cannot: plan, for its wheel has no PIQP, and count instructions as the pages say.
+OF_PLANS = (
+    "test_plan", "test_plan_cli", "test_plan_files", "test_plan_limits", "test_plan_sensitivity",
+)  # fmt: skip
+PRINTED = tuple(f"test_python_blocks[{page}]" for page in ("hydraulics", "model", "planning"))
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Workers of pytest-xdist get the variables from the process that starts them."""
@@ -56,12 +62,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    if sys.platform == "linux":
-        return
+    import casadi as ca
+
+    old = ca.CasadiMeta.version().startswith("3.7.")
     for item in items:
-        names = ON_LINUX.get(item.path.stem)
-        if names == () or (names and item.name.partition("[")[0] in names):
+        name, file = item.name.partition("[")[0], item.path.stem
+        if sys.platform != "linux" and (file in ON_LINUX and name in (ON_LINUX[file] or [name])):
             item.add_marker(pytest.mark.skip(reason="needs signals or tools as on Linux"))
+        if old and (file in OF_PLANS or item.name in PRINTED):
+            item.add_marker(pytest.mark.skip(reason="needs CasADi 3.8"))
 
 
 def _hear_interrupts() -> None:

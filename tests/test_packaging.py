@@ -140,7 +140,17 @@ def test_tests_for_linux_alone_are_there() -> None:
         assert [test for test in tests if f"def {test}(" not in text] == []
 
 
-def test_elsewhere_they_are_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("system", "casadi", "expected"),
+    [
+        ("linux", "3.8.2", []),
+        ("win32", "3.8.2", ["a", "test_ci_runs_the_readme"]),
+        ("linux", "3.7.2", ["c[1]", "test_python_blocks[model]"]),
+    ],
+)
+def test_elsewhere_they_are_skipped(
+    system: str, casadi: str, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     marked: list[str] = []
 
     def item(file: str, name: str) -> Any:
@@ -150,10 +160,13 @@ def test_elsewhere_they_are_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
 
     items = [item("test_codegen_clean", "a"), item("test_docs", "test_links")]
     items += [item("test_docs", "test_ci_runs_the_readme"), item("test_statics", "b")]
-    for system, expected in (("linux", []), ("win32", ["a", "test_ci_runs_the_readme"])):
-        monkeypatch.setattr("sys.platform", system)
-        conftest.pytest_collection_modifyitems(items)
-        assert marked == expected
+    items += [item("test_plan", "c[1]"), item("test_docs", "test_python_blocks[model]")]
+    monkeypatch.setattr("sys.platform", system)
+    monkeypatch.setattr("casadi.CasadiMeta.version", lambda: casadi)
+    conftest.pytest_collection_modifyitems(items)
+    assert marked == expected
+    files = [*conftest.OF_PLANS, *conftest.ON_LINUX]
+    assert [name for name in files if not (ROOT / "tests" / f"{name}.py").is_file()] == []
 
 
 def test_output_in_any_encoding() -> None:
