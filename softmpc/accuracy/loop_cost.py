@@ -14,13 +14,14 @@ import numpy as np
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.environment import environment
 from softmpc.accuracy.loop_task import IN_C, prepared, shortened, tracking
-from softmpc.accuracy.timing import memory_mib, spread
+from softmpc.accuracy.timing import clock, memory_mib, spread
 from softmpc.codegen.compiled_controller import CompiledController
 from softmpc.codegen.generate import generate_controller
 from softmpc.codegen.model_functions import controller_functions
 from softmpc.compiled import instructions
 from softmpc.control.closed_loop import Controller, close_loop
 from softmpc.control.real_time import RealTime
+from softmpc.control.step import Step
 from softmpc.control.track_scene import Plant
 from softmpc.control.tracking import Setup
 
@@ -36,7 +37,7 @@ Numbers = dict[str, Any]
 
 
 def loop_cost(task: Task, configuration: Configuration) -> Numbers:
-    """Times of a controller step (s) at the beginning of the path, on its own model.
+    """Processor times of a controller step (s) at the beginning of the path, on its own model.
 
     Runs of 12 steps take turns with those of the scene as given; the first two of a run do not
     count. `time_s` is the time that 95 % of the steps stay below, `median_s` and `spread_s` beside
@@ -57,6 +58,24 @@ def loop_cost(task: Task, configuration: Configuration) -> Numbers:
         return found | _code(own.setup, Path(folder) / "code")
 
 
+class _Clocked:
+    """A controller whose steps are timed by the clock of all costs."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller, self.ocp = controller, controller.ocp
+        self.seconds: list[float] = []
+
+    def reset(self) -> None:
+        self.controller.reset()
+        self.seconds = []
+
+    def step(self, x: Any, u_before: Any, given: Any) -> Step:
+        began = clock()
+        taken = self.controller.step(x, u_before, given)
+        self.seconds.append(clock() - began)
+        return taken
+
+
 @dataclass(frozen=True, eq=False)
 class _Timed:
     """A controller on its own model."""
@@ -74,13 +93,12 @@ class _Timed:
 
     def steps(self, count: int) -> np.ndarray:
         """Seconds of each of so many steps from the start."""
-        setup, step = self.setup, self.setup.ocp.step
-        run = close_loop(
-            self.controller, setup.plant, setup.guide, setup.start, duration=count * step
-        )
+        setup, timed = self.setup, _Clocked(self.controller)
+        seconds = count * setup.ocp.step
+        run = close_loop(timed, setup.plant, setup.guide, setup.start, duration=seconds)
         if run.status == "interrupted":
             raise KeyboardInterrupt
-        return np.asarray(1e-3 * run.step_ms)
+        return np.array(timed.seconds)
 
 
 def _built(task: Task, configuration: Configuration, folder: Path) -> tuple[_Timed, Numbers]:
