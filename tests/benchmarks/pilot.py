@@ -22,10 +22,11 @@ import numpy as np
 from softmpc.compiler import compiler
 from tests.benchmarks.common import EXAMPLES, LeftOut, arguments, key
 
+KINDS = {"C, double": False, "C, float": True}  # whether numbers are single
 PARTS = ("pilot", "controller", "estimator")
 
 
-def measured(path: Path, seconds: float) -> dict[str, Any]:
+def measured(path: Path, seconds: float, kinds: tuple[str, ...] = tuple(KINDS)) -> dict[str, Any]:
     """Times (ms) and bytes by pilot."""
     from softmpc.codegen.compiled_pilot import CompiledPilot
     from softmpc.codegen.generate import generate_file
@@ -40,7 +41,8 @@ def measured(path: Path, seconds: float) -> dict[str, Any]:
         made = Path(folder) / "c"
         generate_file(path, made)
         found = {"Python": times(rig.run(duration=seconds))}
-        for name, single in (("C, double", False), ("C, float", True)):
+        for name in kinds:
+            single = KINDS[name]
             if single and "#error" in (made / "sizes.h").read_text():
                 continue
             pilot = CompiledPilot(made, rig.pilot, single=single)
@@ -71,10 +73,14 @@ def memory(pilot: Any) -> dict[str, int]:
 
 
 def numbers(quick: bool) -> dict[str, float]:
-    """One second of the figure eight in quick mode, else 4 s; Python's times over those in C."""
+    """One second of the figure eight, double alone, in quick mode; else 4 s of both.
+
+    Ratios are Python's times over those in C.
+    """
     if compiler() is None:
         raise LeftOut("needs a C compiler")
-    rows = measured(EXAMPLES / "figure_eight_rig.toml", 1.0 if quick else 4.0)
+    extent = (1.0, ("C, double",)) if quick else (4.0,)
+    rows = measured(EXAMPLES / "figure_eight_rig.toml", *extent)
     window, python = rows.pop("window"), rows["Python"]
     found = {key("readings may be late", "ms"): window["memory"]}
     for name, row in rows.items():
