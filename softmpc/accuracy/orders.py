@@ -21,12 +21,15 @@ FINEST = 3  # sizes that are fitted
 CLEAR = 4.0  # times its doubt, which then moves an order by 0.2 at most: log(4/3)/log(4) = 0.2
 ROUNDING = 1e-12  # of any error: below, it is that of the numbers
 AGREES = 0.2  # how far from theory an order may be
+NEARER, NEAR = 0.7, 0.4  # what a step leaves of its distance from theory, and the last one at most
 WEAKEST = 0.25  # below, an order is none
 
 AS_THEORY, DIFFERS, DIVERGES = "as theory says", "differs from theory", "does not converge"
+APPROACHES = "approaches theory"
 AT_FLOOR, TOO_FEW, NO_THEORY = "at the floor", "too few points", "no theory"
 VERDICTS = {
     AS_THEORY: f"the order is within {AGREES} of what theory says",
+    APPROACHES: "it is further off, but each step comes closer: the sizes are not small enough yet",
     DIFFERS: "it is further off",
     DIVERGES: "the errors do not become smaller, whatever theory says",
     NO_THEORY: "it converges, and there is no order to compare with",
@@ -89,14 +92,25 @@ def fit_series(points: Sequence[Point], key: str = "error_m") -> Fit:
     sizes = np.array([_size(point) for point in clear])
     errors = np.array([_error(point, key) for point in clear])
     order, deviation, scale = _line(sizes[-FINEST:], errors[-FINEST:])
-    verdict = DIVERGES if _diverges(sizes, errors, order) else _beside(order, first.order)
+    verdict = _beside(order, first.order, _slopes(sizes[-FINEST:], errors[-FINEST:]))
+    verdict = DIVERGES if _diverges(sizes, errors, order) else verdict
     return Fit(*about, verdict, tuple(sizes[-FINEST:].tolist()), order, deviation, scale)
 
 
-def _beside(order: float, theory: float | None) -> str:
+def _beside(order: float, theory: float | None, slopes: np.ndarray) -> str:
+    """The fitted order, and those of the steps it is fitted to, beside theory."""
     if theory is None:
         return NO_THEORY
-    return AS_THEORY if abs(order - theory) <= AGREES else DIFFERS
+    if abs(order - theory) <= AGREES:
+        return AS_THEORY
+    away = np.abs(slopes - theory)
+    nearing = bool(np.all(away[1:] <= NEARER * away[:-1])) and away[-1] <= NEAR
+    return APPROACHES if nearing else DIFFERS
+
+
+def _slopes(sizes: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """The order of each step to the next finer size."""
+    return np.diff(np.log(errors)) / np.diff(np.log(sizes))
 
 
 def _diverges(sizes: np.ndarray, errors: np.ndarray, order: float) -> bool:
@@ -107,9 +121,7 @@ def _diverges(sizes: np.ndarray, errors: np.ndarray, order: float) -> bool:
     noise: one that is small by chance makes those after it look as if they grew.
     """
     steps = [(-2, -1), (0, -1)]
-    between = [
-        np.log(errors[a] / errors[b]) / np.log(sizes[a] / sizes[b]) < WEAKEST for a, b in steps
-    ]
+    between = [_slopes(sizes[[a, b]], errors[[a, b]])[0] < WEAKEST for a, b in steps]
     return order < WEAKEST and any(between)
 
 

@@ -122,6 +122,7 @@ def _write(out: Path, found: Study, command: str) -> None:
     if found.points:
         write_columns(out / "study.csv", columns(found))
     write_text(out / "study.md", markdown(found))
-    for name, figure in study_figures(found).items():
+    figures = study_figures(found)
+    for name, figure in figures.items():
         save_figure(figure, out / name)
-    write_text(out / "report.html", report_html(found, command))
+    write_text(out / "report.html", report_html(found, command, figures))
