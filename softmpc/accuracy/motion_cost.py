@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any
@@ -14,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.environment import environment
 from softmpc.accuracy.motion_task import PATIENCE, integrator_of, run, settings_of
 from softmpc.accuracy.motion_variants import model_with
 from softmpc.accuracy.timing import by_turns, memory_mib
@@ -42,13 +40,13 @@ def motion_cost(task: Task, configuration: Configuration) -> Numbers:
     virtual machine. Raises `IntegrationError` for a run that does not come to its end in time.
     """
     mode = default_mode()
-    with _environment(SOFTMPC_COMPILE="never"):
+    with environment(SOFTMPC_COMPILE="never"):
         began = time.perf_counter()
         own = _Arm.of(task, configuration)
         own.first()
         found: Numbers = {"build_s": time.perf_counter() - began}
     if mode == "require":
-        with tempfile.TemporaryDirectory() as cache, _environment(SOFTMPC_CACHE=cache):
+        with tempfile.TemporaryDirectory() as cache, environment(SOFTMPC_CACHE=cache):
             began = time.perf_counter()
             own = own.again()
             found["compile_s"] = time.perf_counter() - began
@@ -59,7 +57,7 @@ def motion_cost(task: Task, configuration: Configuration) -> Numbers:
 def _measured(task: Task, configuration: Configuration, own: _Arm) -> Numbers:
     took = own.whole(PATIENCE[task.quick])
     found: Numbers = {"memory_mib": memory_mib()}
-    with _environment(SOFTMPC_COMPILE="never"):
+    with environment(SOFTMPC_COMPILE="never"):
         given = own.as_given(task, configuration.variant)
         took += given.whole(PATIENCE[task.quick])
     repeats = int(np.clip(SPEND[task.quick] / took, FEWEST, MOST))
@@ -124,17 +122,3 @@ def _calls(model: Model) -> Numbers:
         seconds = by_turns(lambda f=function: f(*at), lambda: None, CALLS)  # type: ignore[misc]
         found[name] = 1e6 * seconds["time_s"]
     return found
-
-
-@contextmanager
-def _environment(**values: str) -> Iterator[None]:
-    """Some environment variables set for a while."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name)
-            if value is not None:
-                os.environ[name] = value

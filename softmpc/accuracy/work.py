@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.environment import environment
 from softmpc.accuracy.families import FAMILIES
 from softmpc.errors import SoftmpcError, is_interrupt
 from softmpc.study.measure import reason
@@ -46,7 +45,7 @@ class Measure:
 
     def __call__(self, case: Case) -> dict[str, Any]:
         try:
-            with _compiling(case.configuration.compile):
+            with environment(SOFTMPC_COMPILE=case.configuration.compile):  # not the user's
                 return {"status": MEASURED, **self._numbers(case)}
         except Exception as error:  # one that cannot be measured leaves the others alone
             if is_interrupt(error):  # CasADi turns Ctrl-C into a RuntimeError
@@ -61,16 +60,3 @@ class Measure:
         if case.part == COST:
             return family.cost(self.task, case.configuration)
         return family.error(self.task, case.configuration, self.references[case.family])
-
-
-@contextmanager
-def _compiling(mode: str) -> Iterator[None]:
-    """SOFTMPC_COMPILE as the configuration has it; a study does not depend on the user's."""
-    before = os.environ.get("SOFTMPC_COMPILE")
-    os.environ["SOFTMPC_COMPILE"] = mode
-    try:
-        yield
-    finally:
-        os.environ.pop("SOFTMPC_COMPILE")
-        if before is not None:
-            os.environ["SOFTMPC_COMPILE"] = before
