@@ -222,6 +222,7 @@ def test_no_run(text: str, tmp_path: Path) -> None:
         ("x_instructions", 99, True, "fewer instructions"),
         ("x_instructions", 100, True, ""),
         ("step_machine_instructions", 101, True, "MORE INSTRUCTIONS"),
+        ("step_machine_instructions", 100.05, True, ""),
         ("step_machine_instructions", 150, False, ""),
         ("step_ms_median", 129, True, ""),
         ("step_ms_median", 131, True, "higher"),

@@ -1,11 +1,13 @@
 """A run beside an earlier one: which numbers changed, and which changes mean something.
 
 Names of numbers say what they are by their words. With `instructions` a number is a count that no
-load changes: every difference is told, and one that grew is a fault. With a unit of time (`s`,
-`ms`, `us`) or `ratio` it is timed: differences are told beyond a factor of BAND, for on a machine
-that does other work medians of one program differ by that much; and only where both runs were on
-the same machine with the same programs. All else (errors, shares, counts of failures; what ends
-with a word of UNTIMED) is told beyond one part in EXACT, and beyond what rounding does.
+load changes: every difference is told, and one that grew is a fault; `machine_instructions` are
+those of a processor, compared on the same machine beyond one part in MACHINE, for where things
+lie in memory changes them a little. With a unit of time (`s`, `ms`, `us`) or `ratio` it is timed:
+differences are told beyond a factor of BAND, for on a machine that does other work medians of one
+program differ by that much; and only where both runs were on the same machine with the same
+programs. All else (errors, shares, counts of failures; what ends with a word of UNTIMED) is told
+beyond one part in EXACT, and beyond what rounding does.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ __all__ = ["BAND", "Change", "changes", "machine_note", "table"]
 
 BAND = 1.3
 EXACT = 100
+MACHINE = 1000
 ROUNDING = 1e-9
 TIMED = {"s", "ms", "us", "ratio"}
 UNTIMED = {"count", "share", "mm", "bytes"}  # as the last word
@@ -61,7 +64,8 @@ class Change:
     def _counted(self, before: float) -> str:
         if self.now == before:
             return ""
-        if "machine" in self.words and not self.same_machine:
+        little = abs(self.now - before) * MACHINE <= before
+        if "machine" in self.words and (little or not self.same_machine):
             return ""  # another compiler makes other code
         return "MORE INSTRUCTIONS" if self.now > before else "fewer instructions"
 
