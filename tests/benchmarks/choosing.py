@@ -28,7 +28,13 @@ from softmpc.accuracy.configuration import Configuration, Task, changed
 from softmpc.accuracy.motion_reference import COARSER, FINE, limit, weights
 from softmpc.accuracy.motion_task import model_of, moved, settings_of
 from softmpc.sweeps import sweep
-from tests.benchmarks.choosing_scenes import CALIBRATING, JUDGING, loop_scene, motion_scene
+from tests.benchmarks.choosing_scenes import (
+    CALIBRATING,
+    JUDGING,
+    TOLERANCES,
+    loop_scene,
+    motion_scene,
+)
 from tests.benchmarks.choosing_truth import motion_truth, true_loop_error, true_motion_error
 
 FEW = 3
@@ -114,7 +120,10 @@ class Truth:
 
 
 def calibrate(family: str, workers: int, few: bool) -> float:
-    """Print the scores and the factor; of each scene its largest score counts."""
+    """Print the scores and the factor; of each scene its largest score counts.
+
+    Models that are beyond all tolerances are never chosen, and do not count.
+    """
     first, count = CALIBRATING[family]
     seeds = range(first, first + (FEW if few else count))
     print(f"{family}: calibrating with seeds {seeds[0]} to {seeds[-1]}", flush=True)
@@ -124,7 +133,7 @@ def calibrate(family: str, workers: int, few: bool) -> float:
         for row in rows:
             print("  " + "  ".join(f"{key} {_number(value)}" for key, value in row.items()),
                   flush=True)  # fmt: skip
-        own = [row["score"] for row in rows if "score" in row]
+        own = [row["score"] for row in rows if row["error_m"] <= 1e-3 * TOLERANCES[1]]
         largest.extend([max(own)] if own else [])
 
     sweep(Scores(family), seeds, executor=workers, chunk=1, arrived=arrived)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["CALIBRATING", "JUDGING", "loop_scene", "motion_scene"]
+__all__ = ["CALIBRATING", "JUDGING", "TOLERANCES", "loop_scene", "motion_scene"]
 
 # First seeds and numbers of scenes of each family; the two sets have none in common.
 CALIBRATING = {"motion": (1000, 29), "loop": (2000, 19)}
