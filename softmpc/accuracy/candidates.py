@@ -180,7 +180,7 @@ def coarser_strains(scene: Scene, prefix: str = "") -> Iterator[Option]:
         if left and len(left) < len(scene.strains):
             changes: dict[str, Any] = {f"{prefix}model.strains": left}
             if "rotary_inertia" in [effect.name for effect in scene.effects]:
-                changes[f"{prefix}effects.rotary_inertia"] = False
+                changes[f"{prefix}effects.rotary_inertia"] = True  # one Gauss point needs it
             yield Option("strains", share, name, changes)
 
 
