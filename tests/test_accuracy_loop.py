@@ -25,6 +25,7 @@ from softmpc.model.scene_file import scene_from_dict
 
 LOOP = Loop()
 AS_GIVEN = Configuration("as given", "as given")
+NO_DOUBT = {"its doubt": {"doubt_m": 0.0}}
 CONTROLLER = "track.controller."
 DOCUMENT: dict[str, Any] = {
     "title": "one section",
@@ -65,7 +66,7 @@ def _no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def as_given() -> dict[str, Any]:
     with environment(SOFTMPC_COMPILE="never"):
-        return LOOP.error(TASK, AS_GIVEN, {})
+        return LOOP.error(TASK, AS_GIVEN, NO_DOUBT)
 
 
 def test_error_is_that_of_a_tracking_run(as_given: dict[str, Any]) -> None:
@@ -89,20 +90,22 @@ def test_own_plant_has_no_model_error(as_given: dict[str, Any]) -> None:
 @pytest.mark.slow
 def test_doubt_is_the_difference_on_a_coarser_plant(as_given: dict[str, Any]) -> None:
     less = tracked(3).summary()["max_error_mm"] / 1e3
-    assert as_given["doubt_m"] == pytest.approx(abs(as_given["error_m"] - less), rel=1e-4)
+    doubt = LOOP.reference(TASK, "its doubt")
+    assert doubt["doubt_m"] == pytest.approx(abs(as_given["error_m"] - less), rel=1e-4)
 
 
 @pytest.mark.slow
 def test_accuracy_ends_where_the_model_does(as_given: dict[str, Any]) -> None:
     """Two segments are nearer to the plant than one."""
-    two = LOOP.error(TASK, Configuration("", "", {f"{CONTROLLER}scene.model.segments": 2}), {})
+    finer = Configuration("", "", {f"{CONTROLLER}scene.model.segments": 2})
+    two = LOOP.error(TASK, finer, NO_DOUBT)
     assert two["error_m"] < 0.5 * as_given["error_m"]
 
 
 @pytest.mark.slow
 def test_other_deviations_are_charged_as_those_given() -> None:
     soft = Configuration("", "", {f"{CONTROLLER}tip_deviation": 0.01})
-    found = LOOP.error(TASK, soft, {})
+    found = LOOP.error(TASK, soft, NO_DOUBT)
     run = tracked(4, tip_deviation=0.01)
     given = dict(run.costs) | {"tip": run.costs["tip"] * 100.0}
     assert found["cost"] == pytest.approx(sum(given.values()), rel=1e-6)
@@ -145,13 +148,13 @@ def test_what_cannot_be_measured() -> None:
     assert "add a table [track]" in LOOP.missing(Task(without))
     assert LOOP.missing(TASK) == ""
     with pytest.raises(SceneError, match="no path to follow"):
-        LOOP.error(Task(without), AS_GIVEN, {})
-    for measure in (lambda c: LOOP.error(TASK, c, {}), lambda c: LOOP.cost(TASK, c)):
+        LOOP.error(Task(without), AS_GIVEN, NO_DOUBT)
+    for measure in (lambda c: LOOP.error(TASK, c, NO_DOUBT), lambda c: LOOP.cost(TASK, c)):
         with pytest.raises(SceneError, match="variant of a controller: 'in D'; did you mean"):
             measure(Configuration("", "", variant="in D"))
     many = Configuration("", "", {f"{CONTROLLER}scene.model.segments": 4})
     with pytest.raises(SceneError, match="4 segments a section and the plant of the study 4"):
-        LOOP.error(TASK, many, {})
+        LOOP.error(TASK, many, NO_DOUBT)
     with pytest.raises(InputError, match="unknown reference: 'fine'"):
         LOOP.reference(TASK, "fine")
     assert LOOP.reference(TASK, "plant")["segments"] == 4

@@ -24,13 +24,15 @@ from softmpc.accuracy.loop_task import (
 )
 from softmpc.control.closed_loop import Controller
 from softmpc.control.track_result import TrackResult
+from softmpc.control.track_scene import Tracking
 from softmpc.control.tracking import Setup
 from softmpc.errors import InputError, unknown_name
+from softmpc.model.scene import Scene
 from softmpc.simulation.integrator import IntegrationError
 
 __all__ = ["Loop"]
 
-PLANT = "plant"
+PLANT, DOUBT = "plant", "its doubt"
 PATIENCE = {True: 180.0, False: 900.0}  # s that one run may take, by `quick`
 AS_GIVEN = Configuration("", "")
 
@@ -63,20 +65,23 @@ class Loop(Family):
         return list(loop_axes(task))
 
     def references(self, task: Task) -> Sequence[str]:
-        return (PLANT,)
+        return (PLANT, DOUBT)
 
     def reference(self, task: Task, name: str) -> Numbers:
-        """What the plant is; nothing is run for it."""
-        if name != PLANT:
-            raise InputError(unknown_name("reference", name, [PLANT]))
+        """What the plant is; and its doubt, by one with three quarters of its segments."""
+        if name not in (PLANT, DOUBT):
+            raise InputError(unknown_name("reference", name, [PLANT, DOUBT]))
         scene, asked = tracking(task, AS_GIVEN)
+        if name == DOUBT:
+            return _doubt(task, scene, asked)
         less, method = coarser(fine_scene(task)).segments, asked.plant.method
         plant = asked.plant.scene or scene
         seconds = asked.reference.duration
         part = "the first " if np.isclose(seconds, LONGEST[task.quick]) else ""
         about = (
             f"a plant with {plant.segments} segments a section by {method.name}, for "
-            f"{part}{seconds:g} s of the path; its doubt is the difference from one with {less}"
+            f"{part}{seconds:g} s of the path; its doubt is what one with {less} makes of the "
+            "error of the scene as given"
         )
         return {"segments": plant.segments, "coarser": less, "about": about}
 
@@ -87,21 +92,17 @@ class Loop(Family):
 
         `rms_m` with it; `variation` of all inputs; `failures`, steps that are not solved; `cost` of
         the closed loop by the deviations of the scene as given, a step as long as there.
-        `own_plant_m` is the error on the controller's own model. `doubt_m` is how much `error_m`
-        differs on a plant with three quarters of the segments.
+        `own_plant_m` is the error on the controller's own model; `doubt_m` is the plant's.
         """
         scene, asked = tracking(task, configuration)
         setup = prepared(scene, asked)
         model = asked.controller.scene
-        assert asked.plant.scene is not None and model is not None
-        less = on_plant(setup, coarser(asked.plant.scene), scene)
-        own = on_plant(setup, model, scene)
-        patience = PATIENCE[task.quick]
+        assert model is not None
+        own, patience = on_plant(setup, model, scene), PATIENCE[task.quick]
         with controlled(setup, configuration.variant) as controller:
-            run, other, ideal = (_run(one, controller, patience) for one in (setup, less, own))
-        found = _errors(run)
-        return found | {
-            "doubt_m": abs(found["error_m"] - _errors(other)["error_m"]),
+            run, ideal = (_run(one, controller, patience) for one in (setup, own))
+        return _errors(run) | {
+            "doubt_m": references[DOUBT]["doubt_m"],
             "own_plant_m": _errors(ideal)["error_m"],
             "cost": _cost(run, setup, task),
             "failures": run.failures,
@@ -110,6 +111,15 @@ class Loop(Family):
 
     def cost(self, task: Task, configuration: Configuration) -> Numbers:
         return loop_cost(task, configuration)
+
+
+def _doubt(task: Task, scene: Scene, asked: Tracking) -> Numbers:
+    """How much the error of the scene as given differs on a coarser plant."""
+    setup, patience = prepared(scene, asked), PATIENCE[task.quick]
+    assert asked.plant.scene is not None
+    plants = setup, on_plant(setup, coarser(asked.plant.scene), scene)
+    fine, less = (_errors(_run(one, setup.controller, patience))["error_m"] for one in plants)
+    return {"doubt_m": abs(fine - less), "about": ""}
 
 
 def _run(setup: Setup, controller: Controller, patience: float) -> TrackResult:
