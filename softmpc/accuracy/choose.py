@@ -138,7 +138,8 @@ class _Search:
         left = _one_a_slot(sorted(good, key=lambda extra: extra.share))
         kept: list[Option] = []
         while left:
-            chain = [base.with_(*kept, *left[: n + 1]) for n in range(len(left))]
+            sets = [[*kept, *left[: n + 1]] for n in range(len(left))]
+            chain = [base.with_(*(one for one in extras if one in each)) for each in sets]
             self._try(chain)
             within = [self._evidence(one).within for one in chain]
             count = within.index(False) if False in within else len(chain)
