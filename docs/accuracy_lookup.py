@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 from softmpc.accuracy.points import FamilyResult, Point
 from softmpc.accuracy.tables import piped, time_text
 from softmpc.study.lengths import length_text
 
-__all__ = ["MISSING", "along", "find", "length", "ratio", "seconds", "segment_table"]
+__all__ = ["MISSING", "along", "find", "length", "ratio", "seconds", "segment_table", "wrapped"]
 
 MISSING = "–"
 COUNTS = (1, 2, 4, 8, 16)
+WIDTH = 100
 
 
 def find(family: FamilyResult, axis: str, name: str) -> Point:
@@ -56,3 +58,14 @@ def segment_table(
     for name, points in rows.items():
         table.append([name, *(length(points.get(n), cell) for n in shown)])
     return piped(table, 1)
+
+
+def wrapped(text: str) -> str:
+    """Markdown with its paragraphs in lines of the length that pages have."""
+    blocks = text.split("\n\n")
+    return "\n\n".join(block if block[:1] in "#|`!-" else _filled(block) for block in blocks)
+
+
+def _filled(paragraph: str) -> str:
+    words = " ".join(paragraph.split())
+    return textwrap.fill(words, WIDTH, break_long_words=False, break_on_hyphens=False)

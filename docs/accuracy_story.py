@@ -12,12 +12,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from accuracy_lookup import MISSING, along, length, ratio, seconds, segment_table
+from accuracy_lookup import MISSING, along, length, ratio, seconds, segment_table, wrapped
+from accuracy_numerics import controllers, numerics, orders, references
 
 from softmpc.accuracy.front import front
 from softmpc.accuracy.orders import DIVERGES, fits
 from softmpc.accuracy.points import FamilyResult, Point, Study
-from softmpc.accuracy.tables import machine_text, order_table, piped
+from softmpc.accuracy.tables import machine_text, piped
 from softmpc.study.lengths import length_text
 
 __all__ = ["story"]
@@ -34,34 +35,37 @@ def story(study: Study) -> str:
         _rates(rest),
         _motion(motion),
         _hydraulics(motion),
-        _numerics(motion),
-        _controllers(loop),
-        _orders(study),
-        _how(study),
+        numerics(motion),
+        controllers(loop),
+        orders(study),
+        references(study),
     ]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(map(wrapped, parts)) + "\n"
 
 
 # ---------------------------------------------------------------- sections
 
 
 def _head(study: Study) -> str:
-    mode = "in quick mode" if study.quick else "in full"
+    mode, machine = "in quick mode" if study.quick else "in full", machine_text(study.machine)
+    asked = "softmpc study examples/accuracy.toml" + (" --quick" if study.quick else "")
     return f"""\
 # What accuracy costs
 
-How exact is a model, what does that cost, and when does more of it no longer help? This page is
-one study of one scene, measured {mode}: `examples/accuracy.toml`, the paper's arm under torques
-that bend it out of plane, and a figure eight to track.
+How exact is a model, what does that cost, and when does more of it no longer help? This
+page is one study of one scene, measured {mode}: `examples/accuracy.toml`, the paper's arm under
+torques that bend it out of plane, and a figure eight to track.
 
 ```bash
-softmpc study examples/accuracy.toml --out out/accuracy
+{asked} --out out/accuracy
 ```
 
 The same command does it for your own arm ([](study.md)), and `softmpc choose` picks the cheapest
 configuration within your tolerance ([](choose.md)). Every number and picture here is written from
-one stored run by `python docs/make_accuracy.py`. {machine_text(study.machine).capitalize()}; times
-are medians, and compare with each other rather than with those of other machines."""
+one stored run by `python docs/make_accuracy.py`.
+
+{machine[0].upper()}{machine[1:]}. Times are medians; compare them with each other
+rather than with those of other machines."""
 
 
 def _front(motion: FamilyResult) -> str:
@@ -81,7 +85,8 @@ and the time for a second of motion. Nothing below and to the left of the line i
 
 def _segments(rest: FamilyResult) -> str:
     names = ("lumped mass", "1 Gauss point", "2 Gauss points", "3 Gauss points")
-    rows = {name: along(rest, "segments and mass", name) for name in names}
+    known = {name: along(rest, "segments and mass", name) for name in names}
+    rows = {name: points for name, points in known.items() if points}
     one, eight = rows["2 Gauss points"][1], rows["lumped mass"][8]
     better = (eight.error_m or 0.0) / (one.error_m or 1.0)
     cheaper = (eight.time_s or 0.0) / (one.time_s or 1.0)
@@ -112,7 +117,7 @@ def _transmission(rest: FamilyResult) -> str:
     shown = sorted({n for points in rows.values() for n in points})
     table = [["lowest frequency, off by", *map(str, shown)]]
     for name, points in rows.items():
-        table.append([name, *(_share(points.get(n), 0) for n in shown)])
+        table.append([name, *(_lowest(points.get(n)) for n in shown)])
     flagged = {fit.series for fit in fits(rest) if fit.verdict == DIVERGES}
     says = "flags" if "Newton-Euler, as printed" in flagged else "does not flag"
     return f"""\
@@ -132,12 +137,10 @@ mass matrix that is not symmetric; see [](equations.md#what-the-formulations-are
 ![Convergence of the formulations.](images/accuracy_formulation.png)"""
 
 
-def _share(point: Point | None, mode: int) -> str:
-    """Relative error of a frequency."""
+def _lowest(point: Point | None) -> str:
+    """Relative error of the lowest frequency of the hanging arm."""
     found = None if point is None else point.error.get("frequency_errors")
-    if not found or found[mode] is None:
-        return MISSING
-    return f"{100 * found[mode]:+.2g} %"
+    return MISSING if not found else f"{100 * found['frequencies without pressure'][0]:.3g} %"
 
 
 def _rates(rest: FamilyResult) -> str:
@@ -168,8 +171,8 @@ def _motion(motion: FamilyResult) -> str:
     return f"""\
 ## In motion
 
-The same over the scene's motion, against a fine model ({motion.references.get("fine", "")}). What
-could not be run in reasonable time is left out.
+The same over the scene's motion, against {motion.references["fine"]}. What takes too long to
+be run is left out.
 
 {segment_table(rows, "error_m")}"""
 
@@ -212,96 +215,3 @@ Beyond the paper:
 {_changes(motion.axis("effects added"))}
 
 ![What effects and the drive change.](images/accuracy_changes.png)"""
-
-
-def _numerics(motion: FamilyResult) -> str:
-    rows = [["integrator", "error of the integration", "tip error", "time a simulated second"]]
-    rows += [
-        [p.name, length(p, "integration_m"), length(p), seconds(p)]
-        for p in motion.axis("integrator")
-    ]
-    times = [["", "Jacobian, µs a call", "time a simulated second", "build, s"]]
-    for point in [*motion.axis("derivatives"), *motion.axis("compilation")]:
-        cost = point.cost
-        cells = (_number(cost.get("jacobian_us")), seconds(point), _number(cost.get("build_s")))
-        times.append([point.name, *cells])
-    return f"""\
-## What the numerics cost
-
-Integrators beside each other, on the same model:
-
-{piped(rows, 1)}
-
-How the Jacobian comes about, and what a compiler brings:
-
-{piped(times, 1)}"""
-
-
-def _number(value: float | None) -> str:
-    return MISSING if value is None else f"{value:.3g}"
-
-
-def _controllers(loop: FamilyResult) -> str:
-    rows = [["controller", "largest tip error", "RMS", "on its own model", "step, 95 %", "C"]]
-    for axis in loop.axes:
-        if axis != "as given":
-            rows.append([f"**{axis}**", *[""] * 5])
-        for point in loop.axis(axis):
-            size = point.cost.get("c_bytes")
-            rows.append(
-                [
-                    point.name,
-                    length(point),
-                    length(point, "rms_m"),
-                    length(point, "own_plant_m"),
-                    seconds(point),
-                    MISSING if size is None else f"{size / 1024:.0f} KiB",
-                ]
-            )
-    given = loop.points[0]
-    return f"""\
-## Where the controller's accuracy saturates
-
-The scene's figure eight, tracked on a plant with more segments than any controller has. “On its own
-model” is the same loop where plant and controller agree.
-
-{piped(rows, 1)}
-
-On its own model the scene's controller is {length(given, "own_plant_m")} off at most, and
-{length(given)} on the fine plant: beyond that, a longer horizon, a shorter step or a converged
-solver buy nothing, and segments of the controller's model do, or an estimate of the disturbance
-([](estimation.md)).
-
-![Controllers: error and time of a step.](images/accuracy_controllers.png)"""
-
-
-def _orders(study: Study) -> str:
-    rows: list[list[str]] = []
-    for family in study.families:
-        head, *body = order_table(family) or [[]]
-        if not rows:
-            rows.append(["family", *head])
-        rows += [[family.name, *row] for row in body]
-    return f"""\
-## Orders of convergence
-
-Fitted to the three finest sizes that are clear of the doubt of what they are measured against:
-
-{piped(rows, 4)}"""
-
-
-def _how(study: Study) -> str:
-    told = [
-        f"- **{family.name}**, {name}: {text}"
-        for family in study.families
-        for name, text in family.references.items()
-        if text
-    ]
-    listed = "\n".join(told)
-    return f"""\
-## What was measured against what
-
-{listed}
-
-How points are measured, how times are kept alone on their core, and what the files hold is on
-[](study.md)."""

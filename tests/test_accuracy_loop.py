@@ -188,7 +188,7 @@ def test_what_a_step_costs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["steps"] == 30
     assert 0 < found["median_s"] <= found["time_s"] < 10
     assert found["build_s"] > 0 and found["instructions"] > 1000
-    assert 1e5 < found["c_bytes"] < 1e7
+    assert "c_bytes" not in found  # in quick mode, where only a controller in C has them
     assert os.environ["SOFTMPC_CACHE"] == "as before"
 
 
@@ -202,3 +202,4 @@ def test_in_c(as_given: dict[str, Any]) -> None:
     cost = Measure(TASK)(Case("loop", "cost", configuration=in_c))
     assert cost["status"] == MEASURED
     assert 0 < cost["compile_s"] < cost["build_s"]
+    assert 1e5 < cost["c_bytes"] < 1e7

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,13 @@ import study_work
 from study_work import SIZES, Noted, Pretended, noted, start
 
 from softmpc import InputError
-from softmpc.accuracy import study
+from softmpc.accuracy import alone, study
 from softmpc.accuracy.alone import KILLED
 from softmpc.accuracy.configuration import Task
 from softmpc.accuracy.orders import AS_THEORY, fits
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.study import run_study
-from softmpc.accuracy.work import Case, Measure
+from softmpc.accuracy.work import MEASURED, Case, Measure
 
 BY_NAME = {one.name: one.identity for one in Pretended().configurations(Task({}))}
 DISTINCT = 1 + 2 * len(SIZES)  # configurations of the pretended family
@@ -41,7 +42,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     def measured(work: Measure, case: Case) -> dict[str, Any]:
         return work(case)
 
-    monkeypatch.setattr(study, "measured_alone", measured)
+    monkeypatch.setattr(alone, "measured_alone", measured)
 
 
 @pytest.fixture
@@ -204,6 +205,28 @@ def test_times_are_measured_alone(log: Path) -> None:
     assert len(os.sched_getaffinity(0)) == others[0].cores
 
 
+@pytest.mark.parametrize("killed", [None, "second 2"])
+def test_quick_times_share_a_process(log: Path, killed: str | None) -> None:
+    """Until it is killed: then each of the others has its own."""
+    document: dict[str, Any] = {"title": "Arm", "log": str(log), "kill": []}
+    if killed:
+        document["kill"] = [f"pretended cost {BY_NAME[killed]}"]
+    found = run_study(
+        Task(document, quick=True), executor=1, families=["pretended"], axes=["second"]
+    )
+    times = [one for one in noted(log) if " cost " in one.what]
+    states = {point.name: point.status for point in found.points}
+    if killed is None:
+        assert len({one.process for one in times}) == 1
+        assert set(states.values()) == {MEASURED}
+    else:
+        assert len({one.process for one in times}) > 1
+        assert states.pop(killed) == KILLED
+        assert set(states.values()) == {MEASURED}
+    for one, after in pairwise(times):
+        assert after.began > one.ended
+
+
 @pytest.mark.usefixtures("in_this_process")
 def test_times_of_another_machine_are_not_used(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -215,7 +238,7 @@ def test_times_of_another_machine_are_not_used(
     for what, count in done(log).items():
         assert count == (2 if " cost " in what else 1), what
     monkeypatch.undo()
-    monkeypatch.setattr(study, "measured_alone", None)  # those of this machine are still there
+    monkeypatch.setattr(alone, "measured_alone", None)  # those of this machine are still there
     study_work.only_fakes(monkeypatch)
     assert table(run(log, keep=tmp_path / "kept")) == table(first)
 

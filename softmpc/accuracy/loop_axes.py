@@ -17,8 +17,8 @@ __all__ = ["loop_axes"]
 
 CONTROLLER = "track.controller."
 SCENE = f"{CONTROLLER}scene."
-HORIZONS = {True: (10, 20, 40), False: (5, 10, 20, 40)}  # steps, by `quick`
-STEPS = (0.0125, 0.025, 0.05)  # s
+HORIZONS = {True: (10, 20), False: (5, 10, 20, 40)}  # steps, by `quick`
+STEPS = {True: (0.025, 0.05), False: (0.0125, 0.025, 0.05)}  # s
 SEGMENTS = {True: (1, 2), False: (1, 2, 4)}  # a section of the controller's model
 STAGES = {True: (1, 2), False: (1, 2, 3)}
 SOLVERS = {True: ("real-time", "sqp"), False: ("real-time", "sqp", "ipopt", "fatrop")}
@@ -29,7 +29,7 @@ DRIVES = {
     "static": "static drive",
 }
 _FREE: dict[str, Any] = {"grid": None, "blocks": None}
-TIP_DEVIATIONS = {True: (1e-3, 2e-2), False: (1e-3, 5e-3, 2e-2)}  # m that cost ½
+TIP_DEVIATIONS = {True: (1e-3,), False: (1e-3, 5e-3, 2e-2)}  # m that cost ½
 
 
 def loop_axes(task: Task) -> Iterator[Configuration]:
@@ -41,7 +41,7 @@ def loop_axes(task: Task) -> Iterator[Configuration]:
     yield from _ahead(task, settings)
     yield from _model(task, scene)
     yield from _solved(task, settings)
-    yield from _blocked(settings)
+    yield from _blocked(task, settings)
     for deviation in TIP_DEVIATIONS[task.quick]:
         given = settings.costs[0].deviation
         changes = _unless(deviation == given, {"tip_deviation": deviation})
@@ -62,7 +62,7 @@ def _ahead(task: Task, given: ControllerSettings) -> Iterator[Configuration]:
         changes = _unless(same, _FREE | {"horizon": horizon})
         yield Configuration("horizon", f"horizon of {horizon} steps", changes)
     ahead = given.step * (sum(given.grid) if given.grid else given.horizon)
-    for step in STEPS:
+    for step in STEPS[task.quick]:
         horizon = max(1, round(ahead / step))
         same = equal and step == given.step and given.blocks is None
         changes = _unless(same, _FREE | {"step": step, "horizon": horizon})
@@ -99,7 +99,7 @@ def _solved(task: Task, given: ControllerSettings) -> Iterator[Configuration]:
         yield Configuration("iterations", f"at most {most} iterations", several)
 
 
-def _blocked(given: ControllerSettings) -> Iterator[Configuration]:
+def _blocked(task: Task, given: ControllerSettings) -> Iterator[Configuration]:
     """As far ahead with growing intervals, and with moves that last longer and longer."""
     steps = round(sum(given.grid)) if given.grid else given.horizon
     equal = _unless(not given.grid and given.blocks is None, {"horizon": steps} | _FREE)
@@ -107,6 +107,8 @@ def _blocked(given: ControllerSettings) -> Iterator[Configuration]:
     grown = _growing(steps, 4)
     grid = {"horizon": None, "blocks": None, "grid": [float(one) for one in grown]}
     yield Configuration("grid and blocks", f"{len(grown)} growing intervals", _unless(False, grid))
+    if task.quick:
+        return
     moves = _growing(steps, 2)
     blocks = {"horizon": steps, "grid": None, "blocks": moves}
     yield Configuration("grid and blocks", f"{len(moves)} moves", _unless(False, blocks))

@@ -44,7 +44,8 @@ def loop_cost(task: Task, configuration: Configuration) -> Numbers:
     it, `ratio` that of the medians. `build_s` is from the scene to the end of the first step, the
     checks of that part of the path with it, nothing compiled before; `compile_s`, of the controller
     in C, its compiler's. `memory_mib` is the most until then, with steps. `instructions` are those
-    of its functions of a stage, `c_bytes` of the sources that its C code is.
+    of its functions of a stage, `c_bytes` of the sources that its C code is, in quick mode of a
+    controller in C alone.
     """
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="softmpc-"))
@@ -55,7 +56,8 @@ def loop_cost(task: Task, configuration: Configuration) -> Numbers:
         with environment(SOFTMPC_COMPILE=AS_GIVEN.compile):
             beside = _Timed.of(task, AS_GIVEN)
         found |= _by_turns(own, beside, TURNS[task.quick])
-        return found | _code(own.setup, Path(folder) / "code")
+        whole = not task.quick or configuration.variant == IN_C
+        return found | _code(own.setup, Path(folder) / "code", whole)
 
 
 class _Clocked:
@@ -135,15 +137,17 @@ def _by_turns(own: _Timed, beside: _Timed, turns: int) -> Numbers:
     }
 
 
-def _code(setup: Setup, folder: Path) -> Numbers:
-    """Sizes of the functions of a stage and of the C code; real-time iteration and SQP have them,
-    and C code the former alone."""
+def _code(setup: Setup, folder: Path, whole: bool) -> Numbers:
+    """Sizes of the functions of a stage, and with `whole` of the C code.
+
+    Real-time iteration and SQP have the former, the latter real-time iteration alone.
+    """
     solver = setup.controller.solver
     if not isinstance(solver, RealTime):
         return {}
     functions = controller_functions(solver.linearisation)
     found: Numbers = {"instructions": sum(instructions(one.function) for one in functions)}
-    if solver.splits:
+    if whole and solver.splits:
         generate_controller(setup.controller, folder, start=setup.start)
         found["c_bytes"] = sum(path.stat().st_size for path in folder.rglob("*.[ch]"))
     return found

@@ -23,7 +23,7 @@ __all__ = ["ADDED_EFFECTS", "DRIVE", "STRAINS", "changes_of", "motion_axes"]
 STRAINS, EFFECTS_OUT, ADDED_EFFECTS = "strains", "effects", "effects added"
 DRIVE, INTEGRATOR = "drive", "integrator"
 FRICTION = 100.0  # N, where the scene has none: a fifteenth of what would explain the efficiency
-PRINTED = "formulation"
+PRINTED, KINEMATICS = "formulation", "kinematics"
 # Quick studies have these series alone, with so many segments at most.
 QUICK = {"lumped mass": 8, "2 Gauss points": 8, "paper arc, 2 Gauss points": 4}
 MOST_PRINTED = {True: 1, False: 2}  # segments a section, by `quick`

@@ -25,7 +25,7 @@ TOLERANCES = {  # method -> the key of its tolerance, and values
 }
 QUICK = {"radau": (1e-4, 1e-6, 1e-8), "radau-2": (), "idas": (1e-6,), "cvodes": (1e-6,)}
 ORDERS = {"radau": 5, "radau-2": 3, "gauss": 6, "gauss-2": 4}  # of a smooth motion
-QUICK_ORDERS = ("radau", "gauss-2")
+QUICK_ORDERS = ("radau",)
 LONGEST_STEP = 0.04  # s
 HALVINGS = {True: 3, False: 5}  # steps of a series, by `quick`
 RESOLVED = 1.0  # a step times the drive's fastest pole, up to which its motion is smooth

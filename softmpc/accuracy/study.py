@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from softmpc.accuracy.alone import KILLED, measured_alone
+from softmpc.accuracy.alone import KILLED, measure_alone
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.families import FAMILIES
 from softmpc.accuracy.machine import describe_machine, fingerprint
@@ -193,11 +193,17 @@ class Run:
     def time_cases(self, cases: Sequence[Case], work: Measure) -> None:
         """Measure costs, one after the other and alone."""
         report = self.stage("times")
-        for done, case in enumerate(cases):
+        left = [case for case in cases if self.cost_key(case) not in self.store]
+        done = len(cases) - len(left)
+        report(done, len(cases))
+
+        def arrived(case: Case, result: dict[str, Any]) -> None:
+            nonlocal done
+            self.keep(case, result)
+            done += 1
             report(done, len(cases))
-            if self.cost_key(case) not in self.store:
-                self.keep(case, measured_alone(work, case))
-        report(len(cases), len(cases))
+
+        measure_alone(work, left, arrived)
 
     def cost_key(self, case: Case) -> str:
         """Under which a cost is kept: times are those of this machine."""

@@ -35,6 +35,7 @@ EXPLAINED = {
     "order": "fitted to the errors at these sizes, with its standard error",
 }
 WIDTH = 100
+MOST_PARTS = 64  # that a size is told by, 1/64 rather than 0.015625
 TIMES = (("ns", 1e-9), ("µs", 1e-6), ("ms", 1e-3))
 
 
@@ -274,7 +275,7 @@ def _fit_row(fit: Fit) -> list[str]:
 def _size(size: float) -> str:
     """A size for people: 1/4 rather than 0.25."""
     whole = round(1 / size)
-    return f"1/{whole}" if whole > 1 and abs(whole * size - 1) < 1e-9 else f"{size:g}"
+    return f"1/{whole}" if 1 < whole <= MOST_PARTS and abs(whole * size - 1) < 1e-9 else f"{size:g}"
 
 
 def _wrapped(text: str) -> str:
