@@ -52,7 +52,7 @@ class Loop(Family):
         "controller's model does; time of a controller step on its own model"
     )
     error_label: ClassVar[str] = "largest tip error in closed loop (m)"
-    cost_label: ClassVar[str] = "time of a controller step, 95 % are below (s)"
+    cost_label: ClassVar[str] = "controller step, 95 % (s)"
 
     def fitted(self, axis: str) -> tuple[str, ...]:
         """None: what is left is the model's error, and no theory says how it falls."""

@@ -43,6 +43,7 @@ IDEAL = "own_plant_m"  # error without an error of the model
 LETTERS = 18  # of a name in one line
 TIMED = ("compilation", "derivatives")
 ACROSS = 4  # panels side by side
+ERROR, TIME = "largest tip error (m)", "step time, 95 % (s)"  # room is small
 NUMBERS = {  # what numbers of scene files are called, with units
     "horizon": "horizon (steps)",
     "step": "step of the controller (s)",
@@ -67,7 +68,13 @@ def controller_axes(family: FamilyResult) -> list[str]:
     """Axes of the arm under control with something to show."""
     if family.name != "loop":
         return []
-    return [axis for axis in family.axes if axis != AS_GIVEN and _shown(family.axis(axis))]
+    given = {point.configuration.identity for point in family.points[:1]}
+    return [
+        axis
+        for axis in family.axes
+        if axis != AS_GIVEN
+        and {point.configuration.identity for point in _shown(family.axis(axis))} - given
+    ]
 
 
 @styled
@@ -95,7 +102,6 @@ def _draw_pair(
     """Errors above, times below, over the same places."""
     over = _over(study, family, axis)
     mark = marks(family)[axis]
-    known = FAMILIES[family.name]
     ideal = [p.error.get(IDEAL) for p in over.points]
     _plot(pair[0], over, ideal, error_unit(), color=GREY, marker=".",
           linestyle="none" if over.names else (0, (2, 1.5)),
@@ -103,8 +109,8 @@ def _draw_pair(
     line = {"color": mark.colour, "marker": mark.marker, "linestyle": "none" if over.names else "-"}
     errors, times = [p.proved_m for p in over.points], [p.time_s for p in over.points]
     for axes, scale, values, text in (
-        (pair[0], error_unit(), errors, known.error_label),
-        (pair[1], unit, times, known.cost_label),
+        (pair[0], error_unit(), errors, ERROR),
+        (pair[1], unit, times, TIME),
     ):
         axes.set_visible(True)
         _plot(axes, over, values, scale, **line)
