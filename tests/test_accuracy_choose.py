@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
+from choosing_work import measured_here
 
 from softmpc.accuracy import study
 from softmpc.accuracy.bound import CALIBRATED, Calibration, bound_m, conformal_factor, score
@@ -106,7 +107,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
     family = Made()
     monkeypatch.setitem(GOALS, "motion", family)
     monkeypatch.setitem(CALIBRATED, "motion", Calibration(2.0, 30))
-    monkeypatch.setattr(study, "measured_alone", lambda work, case: work(case))
+    monkeypatch.setattr(study, "measure_alone", measured_here)
     return family
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from choosing_work import measured_here
 
 from softmpc.accuracy import motion_cost, study
 from tests.benchmarks.choosing import judged
@@ -12,7 +13,7 @@ from tests.benchmarks.choosing_scenes import CALIBRATING, JUDGING, loop_scene, m
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [102, 105, 108])  # one section: the quickest ones
 def test_the_bound_holds_and_is_not_wide(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
-    monkeypatch.setattr(study, "measured_alone", lambda work, case: work(case))
+    monkeypatch.setattr(study, "measure_alone", measured_here)
     monkeypatch.setitem(motion_cost.SPEND, True, 0.05)
     row = judged("motion", seed, workers=1)
     assert row["chosen"], row["reasons"]

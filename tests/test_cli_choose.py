@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from choosing_work import measured_here
 from click.testing import CliRunner, Result
 
 from softmpc.accuracy import motion_cost, study
@@ -61,7 +62,7 @@ def _in_one_process() -> Iterator[None]:
     """Few repeats, by this process: a fresh one takes seconds to start."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SOFTMPC_COMPILE", "never")
-        patch.setattr(study, "measured_alone", lambda work, case: work(case))
+        patch.setattr(study, "measure_alone", measured_here)
         patch.setitem(motion_cost.SPEND, True, 0.05)
         yield
 

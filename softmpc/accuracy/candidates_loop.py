@@ -21,7 +21,7 @@ from softmpc.control.controller_table import ControllerSettings
 from softmpc.errors import SceneError
 from softmpc.model.scene_file import scene_from_dict
 
-__all__ = ["controller_document", "loop_space"]
+__all__ = ["PREFIX", "controller_document", "loop_space"]
 
 CONTROLLER = "track.controller."
 PREFIX = f"{CONTROLLER}scene."  # of the keys of what the controller takes the arm for

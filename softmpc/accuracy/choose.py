@@ -17,7 +17,7 @@ from softmpc.accuracy.candidates import (
     valid,
 )
 from softmpc.accuracy.candidates_loop import loop_space
-from softmpc.accuracy.choose_families import GOALS, Choosing
+from softmpc.accuracy.choose_families import CONFIRM, CONFIRMED, GOALS, Choosing
 from softmpc.accuracy.choose_loop import plant_changes
 from softmpc.accuracy.choose_rate import AtRate, at_rate, step_time_s
 from softmpc.accuracy.choose_reasons import reasons
@@ -119,6 +119,7 @@ class _Search:
                 self._combine(self.base)
                 break
         self._time()
+        self._confirm()
 
     def _try(self, candidates: Iterable[Candidate]) -> None:
         """Measure the errors of candidates; those that are the same scene only once."""
@@ -154,10 +155,21 @@ class _Search:
         light = sorted(undominated(self._within()), key=_weight)[: MOST_TIMED[family]]
         light += [self.base] if self.base and self.base not in light else []
         cases = [_cost(family, one.configuration) for one in (*light, *self._nearly(light))]
-        self.run.time_cases(cases, Choosing(self.task))
+        quick = replace(self.task, quick=True)  # the first seconds, all by one process
+        self.run.time_cases(cases, Choosing(quick))
         if self.goal.rate_hz is not None and family == "motion":
             cases = [at_rate(case, self.goal.rate_hz) for case in cases[: len(light)]]
-            self.run.time_cases(cases, AtRate(self.task, rate_hz=self.goal.rate_hz))
+            self.run.time_cases(cases, AtRate(quick, rate_hz=self.goal.rate_hz))
+
+    def _confirm(self) -> None:
+        """Measure what is the best with a doubt of its own, until it is the best with that too."""
+        if self.goal.family not in CONFIRMED:
+            return
+        while best := self._best():
+            case = Case(self.goal.family, CONFIRM, configuration=best.configuration)
+            if self.run.found(case.key):
+                return
+            self.run.sweep_cases("confirmation", [case], Choosing(self.task))
 
     def _nearly(self, light: Sequence[Candidate]) -> list[Candidate]:
         """Cheaper ones that are not within the tolerance, those first that nearly are."""
@@ -172,7 +184,9 @@ class _Search:
 
     def _evidence(self, candidate: Candidate) -> Evidence:
         family, own = self.goal.family, candidate.configuration
-        error = self.run.found(Case(family, ERROR, configuration=own).key)
+        parts = (self.run.found(Case(family, part, configuration=own).key)
+                 for part in (CONFIRM, ERROR))  # fmt: skip
+        error = next(filter(None, parts), {})
         case = _cost(family, own)
         cost = self.run.found(self.run.cost_key(case))
         if self.goal.rate_hz is not None and family == "motion":
@@ -180,14 +194,17 @@ class _Search:
         step = step_time_s(family, self.run.found(self.run.cost_key(case)))
         return Evidence(self.goal, Point(own, error, cost), step)
 
+    def _best(self) -> Evidence | None:
+        """Of those that are equally fast, but for what nobody can tell, the most accurate one."""
+        known = map(self._evidence, self.tried)
+        fit = sorted((e for e in known if e.within and e.fast), key=lambda e: e.order)
+        equal = [one for one in fit if one.order <= EQUAL * fit[0].order]
+        return min(equal, key=lambda one: one.bound_m or 0.0, default=None)
+
     def choice(self, status: str = "") -> Choice:
         """What there is to choose, or why there is nothing."""
         evidence = tuple(map(self._evidence, self.tried))
-        fit = sorted((e for e in evidence if e.within and e.fast), key=lambda e: e.order)
-        chosen = None
-        if fit and status != "interrupted":
-            equal = [one for one in fit if one.order <= EQUAL * fit[0].order]
-            chosen = min(equal, key=lambda one: one.bound_m or 0.0)
+        chosen = None if status == "interrupted" else self._best()
         return Choice(
             title=self.task.title,
             status=status or ("chosen" if chosen else "refused"),

@@ -30,7 +30,7 @@ from softmpc.errors import InputError, unknown_name
 from softmpc.model.scene import Scene
 from softmpc.simulation.integrator import IntegrationError
 
-__all__ = ["Loop"]
+__all__ = ["DOUBT", "Loop"]
 
 PLANT, DOUBT = "plant", "its doubt"
 PATIENCE = {True: 180.0, False: 900.0}  # s that one run may take, by `quick`

@@ -1,144 +1,64 @@
 """Does the bound of `softmpc choose` hold in scenes it has not seen, and how wide is it?
 
-    python -m tests.benchmarks.choosing [--calibrate] [--motion | --loop] [--few] [--workers N]
+    python -m tests.benchmarks.choosing [--calibrate] [--rest] [--motion] [--loop] [--keep FOLDER]
+                                        [--first N] [--workers N] [--write]
 
-Chooses for scenes made of seeds (`choosing_scenes`) and prints what was chosen, the measured error,
-the bound and the true error, which is against twice the segments by another integrator. With
---calibrate it measures the scores of other scenes and prints the factors of
-`softmpc/accuracy/bound.py`. --few: three scenes of each.
+Chooses for 20 scenes made of seeds (`choosing_scenes`), two at a time, and prints what was chosen,
+the measured error, the bound and the true error, which is against twice the segments by another
+integrator. With --calibrate it measures the scores of other scenes and prints the factors of
+`softmpc/accuracy/bound.py`. Each scene is kept as soon as it is there, and the same command goes on
+from what is kept. --write puts what is kept into docs/choose.md, without measuring anything.
 """
 
 from __future__ import annotations
 
+import json
 import sys
-import time
-from argparse import ArgumentParser
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
-
-from softmpc.accuracy.bound import conformal_factor, score
-from softmpc.accuracy.choose import choose
-from softmpc.accuracy.choose_families import COUNTS
-from softmpc.accuracy.choose_loop import loop_error
-from softmpc.accuracy.configuration import Configuration, Task, changed
-from softmpc.accuracy.motion_reference import COARSER, FINE, limit, weights
-from softmpc.accuracy.motion_task import model_of, moved, settings_of
+from softmpc.accuracy.bound import conformal_factor
+from softmpc.files import replacing
 from softmpc.sweeps import sweep
-from tests.benchmarks.choosing_scenes import (
-    CALIBRATING,
-    JUDGING,
-    TOLERANCES,
-    loop_scene,
-    motion_scene,
-)
-from tests.benchmarks.choosing_truth import motion_truth, true_loop_error, true_motion_error
+from tests.benchmarks.choosing_measures import Judged, Scores
+from tests.benchmarks.choosing_scenes import CALIBRATING, JUDGING, TOLERANCES
+from tests.benchmarks.common import ROOT, arguments
 
-FEW = 3
-PATIENCE = 3000.0  # s
+KEPT = ROOT / "out" / "choosing"
+PAGE = ROOT / "docs" / "choose.md"
+MARKS = "<!-- judged -->", "<!-- end -->"
 MOST_RATIO = 3.0  # the median of bound over true error
-SCENES = {"motion": motion_scene, "loop": loop_scene}
-INTEGRATION = {"simulate.method": "radau", "simulate.tip_tolerance": 1e-4}
-MODEL = "track.controller.scene.model.segments"
-# What is calibrated with: models as coarse as those that a choice ends with.
-COARSE = {
-    "motion": [{"model.segments": n, "model.mass": "gauss-2"} | INTEGRATION for n in (1, 2)],
-    "loop": [{MODEL: 1}],
-}  # fmt: skip
+SHARE = 0.9  # of scenes in which the bound has to hold
+Row = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Scores:
-    """Scores of the coarse models of a scene; the work of a sweep over seeds."""
-
-    family: str
-
-    def __call__(self, seed: int) -> list[dict[str, Any]]:
-        task = Task(SCENES[self.family](seed)[0])
-        found = []
-        for error in (_motion_errors if self.family == "motion" else _loop_errors)(task):
-            true_m = error.pop("true_m")
-            kept = {key: error[key] for key in ("error_m", "doubt_m")}
-            row = {"seed": seed, **kept, "true_m": true_m, "score": score(error, true_m)}
-            found.append(row)
-        return found
+# ---------------------------------------------------------------- calibration
 
 
-def _motion_errors(task: Task) -> Iterator[dict[str, Any]]:
-    """As a choice measures them; runs that several references share are made once."""
-    runs = {
-        n: np.array(limit(task, [n], PATIENCE)["tips"]) for n in {*COUNTS[FINE], *COUNTS[COARSER]}
-    }
-    fine, coarser = (
-        np.sum([w * runs[n] for w, n in zip(weights(COUNTS[name]), COUNTS[name], strict=True)], 0)
-        for name in (FINE, COARSER)
-    )
-    truth = motion_truth(task)
-    for changes in COARSE["motion"]:
-        document = changed(task.document, changes)
-        model = model_of(document)
-        tips = moved(model, settings_of(task, document, model), PATIENCE).tips
-        error, doubt, true = (
-            float(np.linalg.norm(one - other, axis=2).max())
-            for one, other in ((tips, fine), (fine, coarser), (tips, truth))
-        )
-        yield {"error_m": error, "doubt_m": doubt, "true_m": true}
-
-
-def _loop_errors(task: Task) -> Iterator[dict[str, Any]]:
-    for changes in COARSE["loop"]:
-        own = Configuration("calibration", str(changes), changes)
-        yield loop_error(task, own) | {"true_m": true_loop_error(task, own)}
-
-
-class True_:
-    """True errors of configurations of one scene; the truth of a motion is run once."""
-
-    def __init__(self, family: str, task: Task) -> None:
-        self.family, self.task = family, task
-        self.tips = motion_truth(task) if family == "motion" else None
-
-    def error(self, configuration: Configuration) -> float:
-        """The true error, m."""
-        if self.tips is None:
-            return true_loop_error(self.task, configuration)
-        return true_motion_error(self.task, configuration, self.tips)
-
-
-@dataclass(frozen=True)
-class Truth:
-    """The true error of one configuration; work of a sweep."""
-
-    family: str
-
-    def __call__(self, case: Any) -> float:
-        document, name, changes = case
-        return True_(self.family, Task(document)).error(Configuration("chosen", name, changes))
-
-
-def calibrate(family: str, workers: int, few: bool) -> float:
+def calibrate(family: str, keep: Path, first: int | None, workers: int) -> float:
     """Print the scores and the factor; of each scene its largest score counts.
 
     Models that are beyond all tolerances are never chosen, and do not count.
     """
-    first, count = CALIBRATING[family]
-    seeds = range(first, first + (FEW if few else count))
+    start, count = CALIBRATING[family]
+    seeds = range(start, start + min(first or count, count))
     print(f"{family}: calibrating with seeds {seeds[0]} to {seeds[-1]}", flush=True)
-    largest = []
+    largest: list[float] = []
 
     def arrived(_: int, rows: Any) -> None:
         for row in rows:
-            print("  " + "  ".join(f"{key} {_number(value)}" for key, value in row.items()),
-                  flush=True)  # fmt: skip
-        own = [row["score"] for row in rows if row["error_m"] <= 1e-3 * TOLERANCES[1]]
+            told = (f"{key} {_number(value)}" for key, value in row.items())
+            print("  " + "  ".join(told), flush=True)
+        own = [row["score"] for row in rows if row.get("error_m", 1.0) <= 1e-3 * TOLERANCES[1]]
         largest.extend([max(own)] if own else [])
 
-    sweep(Scores(family), seeds, executor=workers, chunk=1, arrived=arrived)
+    file = _file(keep, "calibrating", family, len(seeds))
+    sweep(Scores(family), seeds, executor=workers, chunk=1, keep=file, arrived=arrived)
     factor = conformal_factor(largest)
-    print(f"{family}: factor {factor:.3g} from {len(largest)} scenes")
+    print(f"{family}: conformal factor {factor:.3g} from {len(largest)} scenes, "
+          f"scores {min(largest):.3g} to {max(largest):.3g}")  # fmt: skip
     return factor
 
 
@@ -146,70 +66,123 @@ def _number(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-HEAD = ("scene", "tolerance", "chosen", "measured", "bound", "truth", "ratio", "holds", "s")
-ROW = "{:<28} {:>9} {:>9} {:>9} {:>9} {:>6} {:>6} {:>6}  {}"
+def _file(folder: Path, what: str, family: str, count: int) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder / f"{what}-{family}-{count}.jsonl"
 
 
-def judge(family: str, workers: int, few: bool) -> dict[str, Any]:
-    """Choose for each scene, and compare the bound with the true error; lengths in mm."""
-    first, count = JUDGING[family]
-    print(ROW.format("scene", *HEAD[1:2], *HEAD[3:], "chosen"), flush=True)
-    ratios, held, refused = [], 0, 0
-    for seed in range(first, first + (FEW if few else count)):
-        row = judged(family, seed, workers)
-        if row["chosen"] is None:
-            refused += 1
-            print(ROW.format(row["title"], f"{1e3 * row['tolerance_m']:.3g}", *"-----", "-",
-                             row["reasons"][0]), flush=True)  # fmt: skip
-            continue
-        ratio = row["bound_m"] / row["true_m"]
-        holds = row["true_m"] <= row["bound_m"]
-        ratios.append(ratio)
-        held += holds
-        lengths = (row[key] for key in ("tolerance_m", "error_m", "bound_m", "true_m"))
-        numbers = [f"{1e3 * length:.3g}" for length in lengths]
-        print(ROW.format(row["title"], *numbers, f"{ratio:.2f}", "yes" if holds else "NO",
-                         f"{row['seconds']:.0f}", row["chosen"]), flush=True)  # fmt: skip
-    return {"held": held, "chosen": len(ratios), "refused": refused, "ratios": ratios}
+# ---------------------------------------------------------------- judgement
 
 
-def judged(family: str, seed: int, workers: int) -> dict[str, Any]:
-    """One scene: what is chosen with its bound (m), and its true error (m)."""
-    document, tolerance_m = SCENES[family](seed)
-    began = time.perf_counter()
-    choice = choose(Task(document), tolerance_m, executor=workers)
-    found = {"title": choice.title, "tolerance_m": tolerance_m, "reasons": choice.reasons,
-             "seconds": time.perf_counter() - began, "chosen": None}  # fmt: skip
-    if choice.chosen is None:
-        return found
-    own = choice.chosen.configuration
-    (true_m,) = sweep(Truth(family), [(document, own.name, dict(own.changes))], executor=1)
-    error_m = choice.chosen.point.error_m
-    return found | {"chosen": own.name, "error_m": error_m, "bound_m": choice.chosen.bound_m,
-                    "true_m": true_m}  # fmt: skip
+def judge(family: str, keep: Path, first: int | None, workers: int) -> list[Row]:
+    """Choose for each scene, and compare the bound with the true error."""
+    start, count = JUDGING[family]
+    seeds = range(start, start + min(first or count, count))
+
+    def arrived(_: int, row: Any) -> None:
+        print("  ".join(_cells(row)), flush=True)
+
+    file = _file(keep, "judging", family, len(seeds))
+    return sweep(Judged(family), seeds, executor=workers, chunk=1, keep=file, arrived=arrived)
 
 
-def main(words: list[str]) -> int:
-    parser = ArgumentParser(prog="python -m tests.benchmarks.choosing")
-    parser.add_argument("--calibrate", action="store_true")
-    parser.add_argument("--motion", action="store_true")
-    parser.add_argument("--loop", action="store_true")
-    parser.add_argument("--few", action="store_true")
+def _cells(row: Row) -> list[str]:
+    """A row of the table; lengths in mm."""
+    head = [row["title"], f"{1e3 * row['tolerance_m']:.3g}"]
+    if row["chosen"] is None:
+        return [*head, "-", "-", "-", "-", "-", f"none: {row['reasons'][0]}"]
+    lengths = [f"{1e3 * row[key]:.4g}" for key in ("error_m", "bound_m", "true_m")]
+    holds = "yes" if _holds(row) else "**no**"
+    return [*head, *lengths, f"{row['bound_m'] / row['true_m']:.2f}", holds, row["chosen"]]
+
+
+def _holds(row: Row) -> bool:
+    return bool(row["true_m"] <= row["bound_m"])
+
+
+def summary(rows: Sequence[Row]) -> tuple[str, bool]:
+    """What came of it for people, and whether it is as good as it has to be."""
+    chosen = [row for row in rows if row["chosen"] is not None]
+    if not chosen:
+        return "nothing was chosen in any scene", False
+    held = sum(map(_holds, chosen))
+    ratio = median(row["bound_m"] / row["true_m"] for row in chosen)
+    told = (
+        f"the bound holds in {held} of {len(chosen)} scenes ({len(rows) - len(chosen)} of "
+        f"{len(rows)} refused); the median of bound over true error is {ratio:.2f}"
+    )
+    return told, held >= SHARE * len(chosen) and ratio <= MOST_RATIO
+
+
+def kept(keep: Path) -> list[Row]:
+    """The rows of all scenes judged so far, by family and seed."""
+    rows = []
+    for family, (_, count) in JUDGING.items():
+        file = _file(keep, "judging", family, count)
+        lines = file.read_text(encoding="utf-8").splitlines()[1:] if file.exists() else []
+        found = [json.loads(line)["results"][0] for line in lines]
+        rows += sorted(found, key=lambda row: row["seed"])
+    return rows
+
+
+def write(keep: Path) -> None:
+    """Put what is kept into the page."""
+    rows, total = kept(keep), sum(count for _, count in JUDGING.values())
+    head = ("scene", "tolerance, mm", "measured, mm", "bound, mm", "true, mm", "bound/true",
+            "holds", "chosen")  # fmt: skip
+    table = [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head))]
+    table += [f"| {' | '.join(_cells(row))} |" for row in rows]
+    told = f"{len(rows)} of {total} scenes are judged: {summary(rows)[0]}."
+    text = PAGE.read_text(encoding="utf-8")
+    before, _, rest = text.partition(MARKS[0])
+    after = rest.partition(MARKS[1])[2]
+    made = "\n\n".join([before + MARKS[0], "\n".join(table), told, MARKS[1] + after])
+    with replacing(PAGE) as beside:
+        beside.write_text(made, encoding="utf-8")
+
+
+# ---------------------------------------------------------------- commands
+
+
+def numbers(quick: bool) -> dict[str, float]:
+    """Whether the bound holds and how wide it is; quick: of one scene, else three of a motion and
+    one of a loop."""
+    rows = []
+    for family, count in (("motion", 1),) if quick else (("motion", 3), ("loop", 1)):
+        start = JUDGING[family][0] + (2 if quick else 0)  # the third has one section
+        rows += sweep(Judged(family), range(start, start + count), executor=1)
+    chosen = [row for row in rows if row["chosen"] is not None]
+    return {
+        "chosen_count": len(chosen),
+        "held_count": sum(map(_holds, chosen)),
+        "bound_over_true_ratio": median(row["bound_m"] / row["true_m"] for row in chosen),
+        "candidates_count": sum(row["tried"] for row in chosen),
+    }
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """The command line."""
+    parser = arguments(__doc__)
+    for name in ("calibrate", *CALIBRATING, "write"):
+        parser.add_argument(f"--{name}", action="store_true")
+    parser.add_argument("--keep", type=Path, default=KEPT)
+    parser.add_argument("--first", type=int, help="so many scenes of each family")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args(words)
-    families = [name for name in SCENES if getattr(asked, name)] or list(SCENES)
+    given = asked.keep, asked.first, asked.workers
+    if asked.write:
+        write(asked.keep)
+        return 0
+    known = CALIBRATING if asked.calibrate else JUDGING
+    families = [name for name in known if getattr(asked, name)] or list(known)
     if asked.calibrate:
         for family in families:
-            calibrate(family, asked.workers, asked.few)
+            calibrate(family, *given)
         return 0
-    results = [judge(family, asked.workers, asked.few) for family in families]
-    chosen, held = (sum(one[key] for one in results) for key in ("chosen", "held"))
-    ratios = [ratio for one in results for ratio in one["ratios"]]
-    refused = sum(one["refused"] for one in results)
-    print(f"the bound holds in {held} of {chosen} scenes ({refused} refused); "
-          f"median of bound over truth {median(ratios):.2f}")  # fmt: skip
-    return 0 if 10 * held >= 9 * chosen and median(ratios) <= MOST_RATIO else 1
+    told, good = summary([row for family in families for row in judge(family, *given)])
+    print(told)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

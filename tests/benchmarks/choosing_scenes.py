@@ -11,14 +11,29 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["CALIBRATING", "JUDGING", "TOLERANCES", "loop_scene", "motion_scene"]
+__all__ = [
+    "CALIBRATING", "JUDGING", "SCENES", "TOLERANCES", "loop_scene", "motion_scene", "rest_scene",
+]  # fmt: skip
 
 # First seeds and numbers of scenes of each family; the two sets have none in common.
-CALIBRATING = {"motion": (1000, 29), "loop": (2000, 19)}
+CALIBRATING = {"rest": (3000, 19), "motion": (1000, 29), "loop": (2000, 19)}
 JUDGING = {"motion": (100, 12), "loop": (200, 8)}
 GRAVITY = {"gravity": [0.0, 0.0, 9.81]}
 LENGTH, MASS, YOUNG = 0.5, 1.12, 1.2e6  # m, kg, Pa of the paper's whole arm
 TOLERANCES = (2.0, 30.0)  # mm
+
+
+def rest_scene(seed: int) -> tuple[dict[str, Any], float]:
+    """An arm that hangs, stands or lies, and a tolerance (m) for it."""
+    draw = np.random.default_rng(seed)
+    sections = 1 + seed % 3
+    down = draw.normal(size=3)
+    document = {
+        "title": f"rest {seed}, {_counted(sections)}",
+        "manipulator": _arm(draw, sections, draw.uniform(0.6, 1.3)),
+        "effects": {"gravity": [_rounded(value) for value in 9.81 * down / np.linalg.norm(down)]},
+    }
+    return document, _tolerance(draw)
 
 
 def motion_scene(seed: int) -> tuple[dict[str, Any], float]:
@@ -102,3 +117,6 @@ def _rounded(value: float) -> float:
 
 def _counted(sections: int) -> str:
     return "1 section" if sections == 1 else f"{sections} sections"
+
+
+SCENES = {"rest": rest_scene, "motion": motion_scene, "loop": loop_scene}
