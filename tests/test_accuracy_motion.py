@@ -189,7 +189,7 @@ def test_orders_are_given_where_motions_are_smooth() -> None:
     static = {one.name: one.order for one in MOTION.configurations(TASK) if "step" in one.name}
     wet = task_of(SHORT, actuation={"kind": "hydraulic"})
     stiff = {one.name: one.order for one in MOTION.configurations(wet) if "step" in one.name}
-    assert set(static.values()) == {5.0, 4.0}
+    assert set(static.values()) == {5.0}  # in quick mode by Radau IIA alone
     assert set(stiff.values()) == {None}
 
 

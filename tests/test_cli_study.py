@@ -16,7 +16,7 @@ import study_work
 from click.testing import CliRunner, Result
 from study_work import SIZES, noted, start
 
-from softmpc.accuracy import study
+from softmpc.accuracy import alone, study
 from softmpc.accuracy.configuration import Task
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.work import Case, Measure
@@ -40,7 +40,7 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
         return work(case)
 
     study_work.only_fakes(monkeypatch)
-    monkeypatch.setattr(study, "measured_alone", measured)
+    monkeypatch.setattr(alone, "measured_alone", measured)
     for name in study_work.FAKES:  # what pictures call a family
         monkeypatch.setitem(accuracy_front.TITLES, name, name)
         monkeypatch.setitem(accuracy_style.PLACES, name, name)
