@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from softmpc.accuracy.candidates import (
     AS_GIVEN,
@@ -18,6 +21,7 @@ from softmpc.accuracy.candidates import (
 )
 from softmpc.accuracy.configuration import Task, changed
 from softmpc.control.controller_table import ControllerSettings
+from softmpc.control.track_scene import read_tracking
 from softmpc.errors import SceneError
 from softmpc.model.scene_file import scene_from_dict
 
@@ -29,6 +33,8 @@ ALONE = 4  # intervals of one step, before a graded look ahead has longer ones
 SEGMENTS = (1, 2), (3,)  # below the plant's, or nothing would tell a model from the truth
 INERTIA = "effect inertia"  # a controller's model moves
 MOST_EQUAL = 40  # intervals
+SAMPLES = 200  # of a path
+STRAIGHT = 1e-3  # m; a path that leaves a plane by less stays in it
 
 
 def loop_space(task: Task, rate_hz: float | None) -> Space:
@@ -46,10 +52,11 @@ def loop_space(task: Task, rate_hz: float | None) -> Space:
     whole, graded, short = _looks_ahead(given, rate_hz)
     first, finer = discretisations(scene, PREFIX, SEGMENTS)
     start = AS_GIVEN if rate_hz is None else AS_GIVEN.with_(whole)
-    rounds = (start, *_loops(first, [graded, whole])), tuple(_loops(finer, [graded]))
+    rounds = (start, *_loops(first, [graded])), (*_loops(first, [whole]), *_loops(finer, [graded]))
+    strains = [one for one in coarser_strains(scene, PREFIX) if _stays_in(task, one)]
     light = Option("mass", 0.65, "1 Gauss point", {f"{PREFIX}model.mass": "gauss-1"})
     extras = [
-        *coarser_drives(scene, PREFIX), *coarser_strains(scene, PREFIX),
+        *coarser_drives(scene, PREFIX), *strains,
         *(one for one in left_out(scene, PREFIX) if one.slot != INERTIA),
         light, short, *_fewer_stages(given),
     ]  # fmt: skip
@@ -61,6 +68,17 @@ def controller_document(document: Mapping[str, Any]) -> dict[str, Any]:
     own = {name: part for name, part in document.items() if name not in ("track", "rig", "plan")}
     changes = document["track"].get("controller", {}).get("scene", {})
     return changed(own, dict(_dotted(changes)))
+
+
+def _stays_in(task: Task, strains: Option) -> bool:
+    """Whether the path stays in the plane that strains bend in, where they bend in one alone."""
+    across = [i for i, plane in enumerate(("about y", "about x")) if plane in strains.name]
+    if not across:
+        return True
+    document = dict(task.document)
+    path = read_tracking(document["track"], Path(task.folder), document).reference
+    places = path.position(np.linspace(0.0, path.duration, SAMPLES))
+    return bool(np.abs(places[:, 1 - across[0]]).max() <= STRAIGHT)
 
 
 def _loops(choices: Sequence[tuple[Option, ...]], ahead: Sequence[Option]) -> list[Candidate]:

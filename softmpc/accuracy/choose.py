@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["choose", "goal_of"]
 
 BY_TABLE = {"track": "loop", "simulate": "motion"}  # table of a scene -> what it is for
-MOST_TIMED = {"rest": 8, "motion": 6, "loop": 4}  # of those within the tolerance
+MOST_TIMED = {"rest": 8, "motion": 6, "loop": 3}  # of those within the tolerance
 MOST_FAILED = {"rest": 3, "motion": 3, "loop": 1}  # cheaper ones, to show what they would save
 EQUAL = 1.05  # two ratios that differ by less are the same
 MODES = {"rest": "never", "motion": "never", "loop": "auto"}  # of compilation, of times
@@ -139,12 +139,22 @@ class _Search:
         left = _one_a_slot(sorted(good, key=lambda extra: extra.share))
         kept: list[Option] = []
         while left:
-            sets = [[*kept, *left[: n + 1]] for n in range(len(left))]
-            chain = [base.with_(*(one for one in extras if one in each)) for each in sets]
-            self._try(chain)
-            within = [self._evidence(one).within for one in chain]
-            count = within.index(False) if False in within else len(chain)
+            count = self._most(base, extras, kept, left)
             kept, left = kept + left[:count], left[count + 1 :]
+
+    def _most(
+        self, base: Candidate, extras: list[Option], kept: list[Option], left: list[Option]
+    ) -> int:
+        """How many of what is left go with what is kept: all of them, or found by halving."""
+        low, high = 0, len(left)
+        count = high
+        while low < high:
+            together = [*kept, *left[:count]]
+            one = base.with_(*(extra for extra in extras if extra in together))
+            self._try([one])
+            low, high = (count, high) if self._evidence(one).within else (low, count - 1)
+            count = (low + high + 1) // 2
+        return low
 
     def _time(self) -> None:
         """Times of those that can be the cheapest, and of some cheaper ones that failed.
