@@ -12,13 +12,12 @@ import pytest
 from choosing_work import measured_here
 
 from softmpc.accuracy import study
-from softmpc.accuracy.bound import CALIBRATED, Calibration, bound_m, conformal_factor, score
-from softmpc.accuracy.candidates import AS_GIVEN, Candidate, Option, motion_space, undominated
-from softmpc.accuracy.candidates_loop import loop_space
+from softmpc.accuracy.bound import CALIBRATED, Calibration
+from softmpc.accuracy.candidates import Option, motion_space
 from softmpc.accuracy.choose import choose, goal_of
-from softmpc.accuracy.choose_families import GOALS
-from softmpc.accuracy.choose_file import write_choice
-from softmpc.accuracy.choose_rate import AtRate, rate_hz
+from softmpc.accuracy.choose_families import CONFIRMED, GOALS
+from softmpc.accuracy.choose_file import evidence_lines, write_choice
+from softmpc.accuracy.choose_rate import AtRate
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.family import Family, Numbers
 from softmpc.accuracy.work import Case
@@ -194,6 +193,37 @@ def test_interrupted_choices_go_on(made: Made, tmp_path: Path, after: int) -> No
     assert after_all.summary()["chosen"] == whole["chosen"]
 
 
+def test_what_is_chosen_has_a_doubt_of_its_own(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best one turns out to be in doubt: the next one is confirmed in its place."""
+    first = chosen(5.0).chosen
+    asked = []
+
+    def confirmed(task: Task, own: Configuration) -> Numbers:
+        asked.append(own.name)
+        doubt = 1.0 if own.name == first.point.name else 0.05 * MM
+        return {"error_m": true_error(own.document(task)), "doubt_m": doubt}
+
+    monkeypatch.setitem(CONFIRMED, "motion", confirmed)
+    choice = chosen(5.0)
+    assert choice.status == "chosen"
+    assert asked[0] == first.point.name and asked[-1] == choice.chosen.point.name
+    assert len(asked) == len(set(asked)) >= 2
+    own = choice.chosen.point.error
+    assert own["doubt_m"] == 0.05 * MM
+    assert choice.chosen.bound_m == pytest.approx(own["error_m"] + 2.0 * 0.05 * MM)
+    shunned = next(one for one in choice.evidence if one.point.name == first.point.name)
+    assert not shunned.within
+
+
+def test_refused_where_nothing_is_confirmed(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(task: Task, own: Configuration) -> Numbers:
+        raise SceneError("the plant stopped")
+
+    monkeypatch.setitem(CONFIRMED, "motion", broken)
+    choice = chosen(5.0)
+    assert choice.status == "refused" and choice.chosen is None
+
+
 # ---------------------------------------------------------------- refusals
 
 
@@ -280,62 +310,14 @@ def test_the_file_says_what_it_rests_on(made: Made, tmp_path: Path) -> None:
 # ---------------------------------------------------------------- parts
 
 
-def test_undominated() -> None:
-    """Of a grid the corner; and what is finer in one thing and coarser in another stays."""
-    a, b = ([Option(slot, rank, f"{slot}{rank}", {slot: rank}) for rank in (1, 2)] for slot in "ab")
-    corner, more_a, more_b = (Candidate((x, y)) for x, y in ((a[0], b[0]), (a[1], b[0]),
-                                                             (a[0], b[1])))  # fmt: skip
-    assert undominated([AS_GIVEN, more_a, corner, more_b]) == [corner]
-    assert undominated([AS_GIVEN, more_a, more_b]) == [more_a, more_b]
-    assert undominated([AS_GIVEN]) == [AS_GIVEN]
-
-
-def test_loops_at_a_rate_look_ahead_as_far_as_given() -> None:
-    document = LOOP | {"track": LOOP["track"] | {"controller": {"step": 0.02, "horizon": 25}}}
-    for hertz in (20.0, 100.0, 160.0):
-        space = loop_space(Task(document), hertz)
-        for candidate in itertools.chain(*space.rounds):
-            own = candidate.configuration.document(Task(document))["track"]["controller"]
-            assert own["step"] == pytest.approx(1 / hertz)
-            steps = sum(own["grid"]) if "grid" in own else own["horizon"]
-            assert steps * own["step"] == pytest.approx(0.5, abs=own["step"])
-            assert ("grid" in own) != ("horizon" in own)
-
-
-def test_a_controllers_scene_in_a_file_cannot_be_varied() -> None:
-    own = LOOP | {"track": LOOP["track"] | {"controller": {"scene": "other.toml"}}}
-    with pytest.raises(SceneError, match=r"other\.toml"):
-        loop_space(Task(own), None)
-
-
-@pytest.mark.parametrize(
-    ("text", "hertz"), [("100Hz", 100.0), ("100 Hz", 100.0), ("0.1kHz", 100.0), ("2.5Hz", 2.5)]
-)
-def test_rates(text: str, hertz: float) -> None:
-    assert rate_hz(text) == pytest.approx(hertz)
-
-
-@pytest.mark.parametrize("text", ["100", "Hz", "fast", "-5Hz", "0Hz", "1e9Hz", "nanHz", "1.2.3Hz"])
-def test_rates_that_are_none(text: str) -> None:
-    with pytest.raises(InputError, match="rate"):
-        rate_hz(text)
-
-
-def test_conformal_factor() -> None:
-    """The rank by counting: of all places a new score may take, 90 % are not above."""
-    scores = [float(k) for k in range(1, 20)]
-    assert conformal_factor(scores) == 18.0
-    assert conformal_factor(scores[::-1]) == 18.0
-    assert conformal_factor(scores[:9]) == 9.0
-    assert conformal_factor(scores[:8]) == float("inf")
-    assert conformal_factor([-score for score in scores]) == 0.0
-
-
-def test_the_bound_undoes_the_score(monkeypatch: pytest.MonkeyPatch) -> None:
-    error = {"error_m": 3 * MM, "doubt_m": 0.2 * MM}
-    assert score(error, 3.5 * MM) == pytest.approx(2.5)
-    monkeypatch.setitem(CALIBRATED, "loop", Calibration(2.5, 30))
-    assert bound_m("loop", error) == pytest.approx(3.5 * MM)
+def test_nine_scenes_are_enough_for_ninety_per_cent(
+    made: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert [Calibration(1.0, n).enough for n in (0, 8, 9, 30)] == [False, False, True, True]
+    for scenes, said in ((0, "calibrated on no scenes, too few"), (1, "on 1 scene, too few")):
+        monkeypatch.setitem(CALIBRATED, "motion", Calibration(2.0, scenes))
+        lines = "\n".join(evidence_lines(chosen(5.0)))
+        assert said in lines and "90 %" not in lines
 
 
 def test_goals(made: Made, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,6 @@ from tests.benchmarks.listing import FOLDER, HELPERS, benchmarks, has_numbers, p
 from tests.benchmarks.running import measured
 from tests.benchmarks.stored import DONE, Result, Run, last_stored, load, new_run, save, store
 
-UNFINISHED = {"choosing"}  # no benchmark before it has numbers
 FAKES = {
     "good": "def numbers(quick): return {'step_ms_median': 2.0 if quick else 3, 'n_count': 4.0}",
     "threads": "import os\ndef numbers(quick): return {'n': int(os.environ['OMP_NUM_THREADS'])}",
@@ -50,7 +49,7 @@ def fakes(tmp_path: Path) -> dict[str, str]:
 
 def test_every_module_is_a_benchmark_or_a_helper() -> None:
     there = {path.stem for path in FOLDER.glob("[!_]*.py")}
-    assert {name for name in there - HELPERS if not has_numbers(name)} - UNFINISHED == set()
+    assert {name for name in there - HELPERS if not has_numbers(name)} == set()
     assert {name for name in there if has_numbers(name)} == set(benchmarks())
     assert there >= HELPERS and not set(benchmarks()) & HELPERS
 
@@ -70,7 +69,7 @@ def test_pages_name_benchmarks_that_there_are() -> None:
         name for text in texts for name in re.findall(r"-m tests\.benchmarks\.([a-z]\w*)", text)
     }
     assert {"tracking", "c_controller"} <= named
-    assert named - set(benchmarks()) - UNFINISHED == set()
+    assert named - set(benchmarks()) == set()
 
 
 # ---------------------------------------------------------------- one in its process

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, inf
+from math import ceil, inf, isfinite
 from typing import Any
 
 __all__ = ["CALIBRATED", "SHARE", "Calibration", "bound_m", "conformal_factor", "score"]
@@ -26,10 +26,15 @@ LEAST_DOUBT = 1e-6  # m; a doubt below is rounding and integration, not the refe
 
 @dataclass(frozen=True)
 class Calibration:
-    """The factor of a family, and the number of scenes in which no score was above it."""
+    """The factor of a family, and the number of scenes that it comes from."""
 
     factor: float
     scenes: int
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are enough scenes for the bound to hold in 90 % of new ones."""
+        return isfinite(conformal_factor([0.0] * self.scenes))
 
 
 # Where there are too few scenes for a factor it is one that theory allows for. Of motions,
@@ -38,7 +43,7 @@ class Calibration:
 CALIBRATED = {
     "rest": Calibration(1.0, 0),
     "motion": Calibration(0.1, 22),
-    "loop": Calibration(3.0, 1),  # a score of -0.9
+    "loop": Calibration(1.62, 9),
 }
 
 

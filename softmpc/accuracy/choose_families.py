@@ -16,6 +16,7 @@ from softmpc.accuracy.loop_task import coarser
 from softmpc.accuracy.motion import Motion
 from softmpc.accuracy.motion_reference import AS_GIVEN, COARSER, FINE, limit, reference
 from softmpc.accuracy.rest import Rest
+from softmpc.accuracy.rest_references import posture_names
 from softmpc.accuracy.work import COST, REFERENCE, Case, Measure
 
 __all__ = ["CONFIRM", "CONFIRMED", "FINEST", "GOALS", "Choosing"]
@@ -25,6 +26,13 @@ FINEST = 6  # of any model that a choice runs
 PATIENCE = 1200.0  # s that one of the references may take
 TYPICAL = {f"{PREFIX}model.segments": 2}  # the controller whose doubt others have at first
 CONFIRM = "confirm"  # the part of a case that measures an error with a doubt of its own
+
+
+class _Rest(Rest):
+    """The postures alone, without frequencies."""
+
+    def references(self, task: Task) -> Sequence[str]:
+        return posture_names(task)
 
 
 class _Motion(Motion):
@@ -69,7 +77,7 @@ class _Loop(Loop):
         return loop_error(task, configuration) | {"doubt_m": references[DOUBT]["doubt_m"]}
 
 
-GOALS: dict[str, Family] = {family.name: family for family in (Rest(), _Motion(), _Loop())}
+GOALS: dict[str, Family] = {family.name: family for family in (_Rest(), _Motion(), _Loop())}
 # What is chosen is measured again by these, with a doubt of its own where errors share one.
 CONFIRMED: dict[str, Callable[[Task, Configuration], Numbers]] = {"loop": doubted_error}
 

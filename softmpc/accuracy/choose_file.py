@@ -49,12 +49,16 @@ def evidence_lines(choice: Choice, command: str = "") -> Iterator[str]:
         yield f"Chosen by: {command}"
     yield f"Changed: {chosen.point.name}."
     yield f"Measured: {GOALS[goal.family].error_label}: {length_text(error['error_m'])}."
+    share = f"in {100 * SHARE:.0f} % of scenes"
+    rests = f"calibrated on {_counted(calibrated.scenes)}"
+    if not calibrated.enough:
+        share, rests = "as far as is known", f"{rests}, too few to say in how many others it holds"
     yield (
-        f"Bound: below {length_text(chosen.bound_m)} in {100 * SHARE:.0f} % of scenes, which is "
-        f"the measured error and {calibrated.factor:.3g} times the reference's doubt of "
-        f"{length_text(error['doubt_m'])} (calibrated on {calibrated.scenes} scenes)."
+        f"Bound: below {length_text(chosen.bound_m)} {share}, which is the measured error and "
+        f"{calibrated.factor:.3g} times the reference's doubt of {length_text(error['doubt_m'])} "
+        f"({rests})."
     )
-    for about in choice.references.values():
+    for about in dict.fromkeys(choice.references.values()):
         yield f"Reference: {about}."
     yield f"Cost: {time_text(chosen.point.cost)}: {GOALS[goal.family].cost_label}."
     if goal.rate_hz is not None and chosen.step_s is not None:
@@ -63,6 +67,10 @@ def evidence_lines(choice: Choice, command: str = "") -> Iterator[str]:
     machine = choice.machine
     compiler = machine["compiler"] or "not compiled: no compiler was found"
     yield f"Machine: {machine['processor']}, {machine['cores']} cores; {compiler}."
+
+
+def _counted(scenes: int) -> str:
+    return "1 scene" if scenes == 1 else f"{scenes or 'no'} scenes"
 
 
 def time_text(cost: Mapping[str, Any]) -> str:

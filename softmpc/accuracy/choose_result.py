@@ -110,6 +110,7 @@ class Choice:
             "rate_hz": self.goal.rate_hz,
             "bound": {
                 "share": SHARE, "factor": calibrated.factor, "scenes": calibrated.scenes,
+                "enough_scenes": calibrated.enough,
                 "form": "error_m + factor * doubt_m",
             },
             "references": dict(self.references),

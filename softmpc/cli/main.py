@@ -113,6 +113,6 @@ def main() -> None:
     """Optimal control and MPC of fluid-driven soft manipulators.
 
     SCENE is a TOML file that says what the arm is and what it does. Every command takes --json,
-    --out DIR and -v. Exit status: 0 good, 2 wrong input, 3 a solver did not converge or the
-    motion stopped, 4 a replay differs, 130 interrupted.
+    --out DIR and -v. Exit status: 0 good, 2 wrong input, 3 a solver did not converge, the motion
+    stopped or nothing can be chosen, 4 a replay differs, 130 interrupted.
     """

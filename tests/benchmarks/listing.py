@@ -31,9 +31,9 @@ ABOUT: dict[str, tuple[str, ...]] = {
 # Modules of this folder that are no benchmark.
 HELPERS = {
     "acados_environment", "acados_model", "acados_peer", "acados_task", "c_controller_bench",
-    "c_controller_peers", "c_controller_program", "c_controller_states", "choosing_scenes",
-    "choosing_truth", "common", "comparing", "listing", "peer_soromox", "running", "same_problem",
-    "stored",
+    "c_controller_peers", "c_controller_program", "c_controller_states", "choosing_measures",
+    "choosing_scenes", "choosing_truth", "common", "comparing", "listing", "peer_soromox",
+    "running", "same_problem", "stored",
 }  # fmt: skip
 
 
