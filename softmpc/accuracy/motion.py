@@ -70,8 +70,9 @@ class Motion(Family):
         """Distances of section tips, largest over the motion and RMS, from those of "fine".
 
         With more than the scene as given has, `change_m` from that instead; where something is left
-        out it stands beside. On the axis of integrators also `integration_m`: how far the motion
-        is from that of the same model integrated tightly by another method.
+        out, or the elastic law is another one, it stands beside. On the axis of integrators also
+        `integration_m`: how far the motion is from that of the same model integrated tightly by
+        another method.
         """
         document = configuration.document(task)
         scene, given = (scene_from_dict(dict(d)) for d in (document, task.document))
@@ -141,8 +142,10 @@ def _adds(scene: Scene, given: Scene) -> bool:
 
 
 def _leaves_out(scene: Scene, given: Scene) -> bool:
+    """Whether it lacks physics, or has another elastic law; balance, mass, arcs do not count."""
+    other_law = scene.formulation.elasticity != given.formulation.elasticity
     same = replace(scene, segments=given.segments, formulation=given.formulation)
-    return replace(same, kinematics=given.kinematics) != given
+    return other_law or replace(same, kinematics=given.kinematics) != given
 
 
 def _check_strains(scene: Scene, given: Scene, largest: Mapping[str, Any]) -> None:
