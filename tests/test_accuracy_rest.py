@@ -278,5 +278,5 @@ def test_costs_stand_beside_the_scene_as_given() -> None:
 
 def test_costs_that_would_take_minutes_are_refused() -> None:
     task = task_of("example")
-    with pytest.raises(BuildError, match="takes minutes for 8 segments"):
+    with pytest.raises(BuildError, match="takes minutes for 8 segments in all"):
         FAMILY.cost(task, configuration("example", FULL, 4))

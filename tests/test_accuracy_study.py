@@ -108,7 +108,10 @@ def test_families_and_axes_by_name(log: Path) -> None:
             {"axes": ["secnd"]},
             "unknown axis: 'secnd'; did you mean 'second'.* allowed: first, second, third",
         ),
-        ({"families": ["other"], "axes": ["first"]}, "unknown axis: 'first'; .*allowed: third$"),
+        (
+            {"families": ["other"], "axes": ["first"]},
+            "unknown axis of other: 'first'; .*allowed: third$",
+        ),
         ({"axes": ["as given"]}, "unknown axis: 'as given'"),
         (
             {"families": ["other"], "more": {"refuse": {"other": "the scene has no path"}}},

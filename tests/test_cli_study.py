@@ -225,7 +225,7 @@ def test_ctrl_c_in_a_terminal(part: str, scene: Path, tmp_path: Path) -> None:
     [
         (("--family", "rst"), "unknown family: 'rst'; allowed: pretended, other"),
         (("--axis", "secund"), "unknown axis: 'secund'; did you mean 'second'? allowed: first"),
-        (("--family", "other", "--axis", "first"), "unknown axis: 'first'; "),
+        (("--family", "other", "--axis", "first"), "unknown axis of other: 'first'; "),
         (("--dask", "tcp://127.0.0.1:1"), "give --workers or --dask"),
     ],
 )

@@ -58,7 +58,7 @@ def _check_size(model: Model, what: str) -> None:
     if segments > MOST_SEGMENTS.get(what, segments):
         raise BuildError(
             f"not timed: the Jacobian of {what!r} is differentiated as a whole, which takes "
-            f"minutes for {segments} segments"
+            f"minutes for {segments} segments in all"
         )
 
 

@@ -106,7 +106,9 @@ def _plans(
     if axes is None:
         return plans
     known = (one.axis for plan in plans.values() for one in plan.configurations[1:])
-    wanted = _chosen("axis", axes, dict.fromkeys(known))
+    measured = [name for name, plan in plans.items() if plan.configurations]
+    what = "axis" if len(measured) == len(FAMILIES) else f"axis of {' and '.join(measured)}"
+    wanted = _chosen(what, axes, dict.fromkeys(known))
     return {name: plan.along(wanted) for name, plan in plans.items()}
 
 

@@ -35,7 +35,7 @@ EXPLAINED = {
     "order": "fitted to the errors at these sizes, with its standard error",
 }
 WIDTH = 100
-MOST_PARTS = 64  # that a size is told by, 1/64 rather than 0.015625
+MOST_PARTS = 32  # that a size is told by, 1/32 rather than 0.03125
 TIMES = (("ns", 1e-9), ("µs", 1e-6), ("ms", 1e-3))
 
 

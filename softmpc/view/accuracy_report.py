@@ -30,7 +30,8 @@ CAPTIONS = {
     "work-precision": "A mark is a configuration, a line a series; further to the left is cheaper, "
     "further down more exact. Nothing measured is both cheaper and more exact than what is named.",
     "convergence": "Marks are measured, lines fitted to the finest sizes. A series that does not "
-    "converge is joined by dots, in red, with crosses.",
+    "converge is joined by dots, in red, with crosses; lines are dashed where the order is not "
+    "that of theory, or there is no theory.",
     "changes": "Left: how far the tip moves when a part of the scene is left out, added or "
     "replaced; right: what that does to the time. To the right of 1 is slower.",
     "controllers": "Errors above, times below; times above the budget cannot run at that rate.",
@@ -49,6 +50,10 @@ READING = [
     ("Pareto front", "the configurations that nothing measured beats in both time and error"),
     ("order", "error ≈ scale · size^order, fitted to the finest sizes whose errors are clear of "
      "the doubt; ± is the standard error"),
+    ("frequency error", "relative, the largest of the lowest frequencies; “growing” counts those "
+     "that are not real"),
+    ("all points", "median: of errors over the postures, or of times; tip: error of the arm's tip "
+     "alone; build: time to make the functions; rest: time to find one rest"),
 ]  # fmt: skip
 # Words of configurations that readers of the paper may not know.
 WORDS = {
@@ -195,9 +200,9 @@ def _keys(parts: Sequence[Any], known: Sequence[str]) -> list[str]:
 
 
 def _heading(key: str) -> str:
-    for end in ("_m", "_s", "_mib", "_bytes"):
+    for end in ("_m", "_s", "_mib", "_gib", "_bytes"):
         key = key.removesuffix(end)
-    return {"c": "size in C"}.get(key, key.replace("_", " "))
+    return {"c": "C sources"}.get(key, key.replace("_", " "))
 
 
 def _text(key: str, value: Any) -> str:
@@ -225,10 +230,16 @@ def _reading(study: Study) -> list[str]:
 
 
 def _machine(study: Study) -> list[str]:
-    rows = [["", ""], *([_heading(k), "none" if v is None else str(v)]
+    rows = [["", ""], *([_heading(k), "none" if v is None else _machine_text(k, v)]
                         for k, v in study.machine.items())]  # fmt: skip
     note = "Times are those of this machine; ratios travel better."
     return [element("h2", "The machine"), element("p", note), table(rows, 2)]
+
+
+def _machine_text(key: str, value: Any) -> str:
+    if key == "memory_gib":
+        return f"{value} GiB"
+    return f"{value:.1f}" if isinstance(value, float) else str(value)
 
 
 def _making(study: Study, command: str) -> list[str]:
