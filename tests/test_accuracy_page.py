@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from softmpc.accuracy.model_axes import AS_GIVEN
 from softmpc.accuracy.orders import APPROACHES, AS_THEORY, DIFFERS, DIVERGES, Fit, fits
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.work import MEASURED
@@ -52,6 +53,13 @@ def test_pictures_of_the_page_are_there() -> None:
     assert len(named) == 5
     for name in named:
         assert (ROOT / "docs" / "images" / name).is_file(), REMADE
+
+
+def test_page_of_the_command_has_all_axes(study: Study) -> None:
+    told = (ROOT / "docs" / "study.md").read_text(encoding="utf-8")
+    axes = {axis for family in study.families for axis in family.axes if axis != AS_GIVEN}
+    assert len(axes) > 15
+    assert not [axis for axis in axes if f"`{axis}`" not in told]
 
 
 def test_study_is_whole(study: Study) -> None:
