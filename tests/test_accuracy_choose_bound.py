@@ -10,6 +10,7 @@ import pytest
 from choosing_work import measured_here
 
 from softmpc.accuracy import motion_cost, study
+from softmpc.accuracy.bound import CALIBRATED
 from tests.benchmarks import choosing
 from tests.benchmarks.choosing import summary
 from tests.benchmarks.choosing_measures import Judged, Scores
@@ -59,6 +60,7 @@ def test_a_rod_is_its_own_truth() -> None:
 def judged(title: str, true_mm: float, bound_mm: float = 5.0) -> dict[str, Any]:
     """A row of the benchmark."""
     lengths = {"true_m": 1e-3 * true_mm, "bound_m": 1e-3 * bound_mm, "error_m": 1e-3}
+    lengths["doubt_m"] = (lengths["bound_m"] - 1e-3) / CALIBRATED["motion"].factor
     head = {"seed": int(title.split()[1]), "title": title, "tolerance_m": 6e-3}
     return head | lengths | {"chosen": "2 segments", "tried": 9}
 

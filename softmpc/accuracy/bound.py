@@ -43,7 +43,7 @@ class Calibration:
 CALIBRATED = {
     "rest": Calibration(1.0, 0),
     "motion": Calibration(0.1, 22),
-    "loop": Calibration(1.62, 9),
+    "loop": Calibration(1.64, 9),
 }
 
 

@@ -175,7 +175,7 @@ class _Search:
         """Measure what is the best with a doubt of its own, until it is the best with that too."""
         if self.goal.family not in CONFIRMED:
             return
-        while best := self._best():
+        while best := _best(map(self._evidence, self.tried)):
             case = Case(self.goal.family, CONFIRM, configuration=best.configuration)
             if self.run.found(case.key):
                 return
@@ -204,17 +204,10 @@ class _Search:
         step = step_time_s(family, self.run.found(self.run.cost_key(case)))
         return Evidence(self.goal, Point(own, error, cost), step)
 
-    def _best(self) -> Evidence | None:
-        """Of those that are equally fast, but for what nobody can tell, the most accurate one."""
-        known = map(self._evidence, self.tried)
-        fit = sorted((e for e in known if e.within and e.fast), key=lambda e: e.order)
-        equal = [one for one in fit if one.order <= EQUAL * fit[0].order]
-        return min(equal, key=lambda one: one.bound_m or 0.0, default=None)
-
     def choice(self, status: str = "") -> Choice:
         """What there is to choose, or why there is nothing."""
         evidence = tuple(map(self._evidence, self.tried))
-        chosen = None if status == "interrupted" else self._best()
+        chosen = None if status == "interrupted" else _best(evidence)
         return Choice(
             title=self.task.title,
             status=status or ("chosen" if chosen else "refused"),
@@ -242,6 +235,13 @@ def _space(task: Task, goal: Goal) -> Space:
     if goal.family == "loop":
         return loop_space(task, goal.rate_hz)
     return (rest_space if goal.family == "rest" else motion_space)(task, goal.tolerance_m)
+
+
+def _best(evidence: Iterable[Evidence]) -> Evidence | None:
+    """Of those that are equally fast, but for what nobody can tell, the most accurate one."""
+    fit = sorted((one for one in evidence if one.within and one.fast), key=lambda one: one.order)
+    equal = [one for one in fit if one.order <= EQUAL * fit[0].order]
+    return min(equal, key=lambda one: one.bound_m or 0.0, default=None)
 
 
 def _weight(candidate: Candidate) -> float:

@@ -19,7 +19,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from softmpc.accuracy.bound import conformal_factor
+from softmpc.accuracy.bound import bound_m, conformal_factor
 from softmpc.files import replacing
 from softmpc.sweeps import sweep
 from tests.benchmarks.choosing_measures import Judged, Scores
@@ -115,12 +115,15 @@ def summary(rows: Sequence[Row]) -> tuple[str, bool]:
 
 
 def kept(keep: Path) -> list[Row]:
-    """The rows of all scenes judged so far, by family and seed."""
+    """The rows of all scenes judged so far, by family and seed, with the bound as it is now."""
     rows = []
     for family, (_, count) in JUDGING.items():
         file = _file(keep, "judging", family, count)
         lines = file.read_text(encoding="utf-8").splitlines()[1:] if file.exists() else []
         found = [json.loads(line)["results"][0] for line in lines]
+        for row in found:
+            if row["chosen"] is not None:
+                row["bound_m"] = bound_m(family, row)
         rows += sorted(found, key=lambda row: row["seed"])
     return rows
 
