@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from arms import PAPER, model_of
 from click.testing import CliRunner
+from faq_studies import OF_STUDIES
 from pages import ROOT
 from test_validity import step
 
@@ -266,12 +267,10 @@ PROVOKED: dict[str, Callable[[], object]] = {
     "… cannot be sent to a worker": lambda: sweep(lambda case: case, [1], executor=2),
     "--dask needs Dask": no_dask,
     "holds another sweep": other_sweep,
+    **OF_STUDIES,
 }
 STANDS = {
-    "the statics did not converge: outside": (
-        "statics/equilibrium.py",
-        "outside the model's range",
-    ),
+    "the statics did not converge: out": ("statics/equilibrium.py", "outside the model's range"),
     "the statics did not converge: no con": ("statics/equilibrium.py", "no convergence"),
     "…: no step can be found": ("simulation/runge_kutta.py", None),
     "plant stopped": ("control/closed_loop.py", None),
@@ -283,6 +282,7 @@ STANDS = {
     "…: is of another problem": ("codegen/replay_setup.py", None),
     "a script that sweeps needs": ("sweep_processes.py", None),
     "…: its worker was killed": ("sweep_processes.py", None),
+    "not timed: the Jacobian of": ("accuracy/rest_cost.py", "minutes for … segments in all"),
     "interrupted": ("cli/main.py", None),
 }
 
