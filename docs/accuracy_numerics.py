@@ -123,7 +123,7 @@ def _controller(point: Point) -> list[str]:
         length(point, "rms_m"),
         length(point, "own_plant_m"),
         seconds(point),
-        MISSING if size is None else f"{size / 1024:.0f} KiB",
+        MISSING if size is None else f"{size / 1000:.0f} kB",
     ]
 
 

@@ -57,12 +57,12 @@ def stage(what: str) -> Callable[[float, float], None]:
     return report
 
 
-def measure(quick: bool) -> Study:
+def measure(quick: bool, fresh: bool) -> Study:
     """The study; raises `KeyboardInterrupt` when interrupted."""
     folder = ROOT / "out" / ("accuracy-quick" if quick else "accuracy")
     folder.mkdir(parents=True, exist_ok=True)
     keep = folder / "measurements.jsonl"
-    study = run_study(read_task(SCENE, quick), keep=keep, stage=stage)
+    study = run_study(read_task(SCENE, quick), keep=keep, fresh=fresh, stage=stage)
     if study.status != "finished":
         raise KeyboardInterrupt
     return study
@@ -89,11 +89,12 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="a first look, some minutes")
+    parser.add_argument("--fresh", action="store_true", help="measure anew what was kept")
     parser.add_argument("--render", action="store_true", help="from the stored run alone")
     given = parser.parse_args()
     began = time.perf_counter()
     if not given.render:
-        study = measure(given.quick)
+        study = measure(given.quick, given.fresh)
         with replacing(STORED) as beside:
             beside.write_text(as_json(study.summary()) + "\n", encoding="utf-8")
     render(stored())

@@ -25,7 +25,7 @@ from softmpc.model.scene_file import scene_from_dict
 
 LOOP = Loop()
 AS_GIVEN = Configuration("as given", "as given")
-NO_DOUBT = {"its doubt": {"doubt_m": 0.0}}
+NO_DOUBT = {"its doubt": {"doubt_m": 0.0, "error_m": 1.0}}
 CONTROLLER = "track.controller."
 DOCUMENT: dict[str, Any] = {
     "title": "one section",
@@ -91,7 +91,16 @@ def test_own_plant_has_no_model_error(as_given: dict[str, Any]) -> None:
 def test_doubt_is_the_difference_on_a_coarser_plant(as_given: dict[str, Any]) -> None:
     less = tracked(3).summary()["max_error_mm"] / 1e3
     doubt = LOOP.reference(TASK, "its doubt")
+    assert doubt["error_m"] == pytest.approx(as_given["error_m"], rel=1e-6)
     assert doubt["doubt_m"] == pytest.approx(abs(as_given["error_m"] - less), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_controller_that_is_far_off_has_a_doubt_of_its_own(as_given: dict[str, Any]) -> None:
+    better = {"its doubt": {"doubt_m": 0.0, "error_m": as_given["error_m"] / 4}}
+    less = tracked(3).summary()["max_error_mm"] / 1e3
+    found = LOOP.error(TASK, AS_GIVEN, better)
+    assert found["doubt_m"] == pytest.approx(abs(as_given["error_m"] - less), rel=1e-4)
 
 
 @pytest.mark.slow
@@ -196,7 +205,7 @@ def test_what_a_step_costs(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def test_in_c(as_given: dict[str, Any]) -> None:
     in_c = Configuration("in C", "in C", variant="in C")
-    error = Measure(TASK, {"loop": {}})(Case("loop", "error", configuration=in_c))
+    error = Measure(TASK, {"loop": NO_DOUBT})(Case("loop", "error", configuration=in_c))
     assert error["status"] == MEASURED
     assert error["error_m"] == pytest.approx(as_given["error_m"], rel=1e-6)
     cost = Measure(TASK)(Case("loop", "cost", configuration=in_c))

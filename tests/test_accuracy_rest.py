@@ -103,7 +103,7 @@ def test_the_printed_transmission_does_not_converge() -> None:
     errors = [error("example", PRINTED, n) for n in counts]
     assert fit("example", PRINTED, counts).verdict == DIVERGES
     assert errors[2]["error_m"] > max(errors[0]["error_m"], errors[1]["error_m"])
-    lowest = np.array([each["frequencies"][AT_ZERO][0] for each in errors])
+    lowest = np.array([each["frequencies_rad_s"][AT_ZERO][0] for each in errors])
     assert np.all(lowest[1:] / lowest[:-1] > 1.3)  # with √n, beyond all bounds
     assert lowest[-1] > 1.5 * references("example")[AT_ZERO]["frequencies"][0]
 
@@ -128,7 +128,7 @@ def test_the_printed_transmission_of_three_sections() -> None:
     counts = (1, 2, 4)
     assert fit("three sections", PRINTED, counts).verdict == DIVERGES
     found = [error("three sections", PRINTED, n) for n in counts]
-    lowest = np.array([each["frequencies"][AT_ZERO][0] for each in found])
+    lowest = np.array([each["frequencies_rad_s"][AT_ZERO][0] for each in found])
     assert np.all(lowest[1:] > 1.2 * lowest[:-1])
 
 

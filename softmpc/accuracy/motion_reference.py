@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from softmpc.accuracy.configuration import Task, changed
+from softmpc.accuracy.model_axes import reference_law
 from softmpc.accuracy.motion_task import PATIENCE, Moved, about_motion, model_of, moved, settings_of
 from softmpc.errors import SoftmpcError
 from softmpc.model.chain import Chain
@@ -28,7 +29,6 @@ TIGHT_RUNS = {  # independent of each other: neither shares its formulas with th
 REFERENCES = (FINE, COARSER, AS_GIVEN, *TIGHT_RUNS)
 BEST = {
     "model.formulation": "virtual-power",
-    "model.elasticity": "energy",
     "model.mass": "gauss-3",
     "model.kinematics": "constant-strain",
 }
@@ -92,7 +92,8 @@ def weights(counts: Sequence[int]) -> np.ndarray:
 
 
 def _of_segments(task: Task, count: int, patience: float) -> Moved:
-    document = changed(task.document, BEST | {"model.segments": count})
+    law = {"model.elasticity": reference_law(task)}
+    document = changed(task.document, BEST | law | {"model.segments": count})
     model = model_of(document)
     settings = settings_of(task, document, model)
     numbers: Numbers = {"tolerance": None, "step": None, "tip_tolerance": TIP_TOLERANCE}

@@ -134,7 +134,7 @@ def _frequency_errors(model: Model, wanted: Mapping[str, Mapping[str, Any]]) -> 
     return {
         "frequency_error": max(max(each) for each in errors.values()),
         "frequency_errors": errors,
-        "frequencies": values,  # rad/s, absolute values
+        "frequencies_rad_s": values,  # absolute values
         "growing": growing,
         "frequency_doubt": max(float(one["frequency_doubt"]) for one in wanted.values()),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ def _flat(name: str, value: Any) -> dict[str, Any]:
     elif isinstance(value, list | tuple):
         inner = [_flat(f"{name}_{i}", item) for i, item in enumerate(value, 1)]
     else:
-        return {name: value}
+        return {re.sub(r"\W+", "_", name).strip("_"): value}
     return {key: item for one in inner for key, item in one.items()}
 
 

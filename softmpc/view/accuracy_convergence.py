@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,6 +45,10 @@ KEYS = {
     "integration_m": "error of integration alone (m)",
 }
 PANEL = 3.3  # inches
+# What other formulations and arcs are to be compared with: their series has it beside them.
+COMPARED = ("formulation", "kinematics")
+BESIDE = ("segments and mass", "2 Gauss points")  # axis and series
+BESIDE_NAME = "virtual power, constant strain, 2 Gauss points"
 Series = list[tuple[Fit, "list[Point]"]]
 
 
@@ -102,15 +107,26 @@ def _unit(key: str) -> Unit:
 def _panels(family: FamilyResult, axis: str) -> dict[tuple[str, str], Series]:
     """For each error and each kind of size the fits of series, with points that can be shown."""
     panels: dict[tuple[str, str], Series] = {}
-    for fit in fits(family):
+    known = fits(family)
+    for fit in known:
         if fit.axis != axis:
             continue
-        own = [p for p in family.axis(axis) if p.configuration.series == fit.series]
-        shown = [p for p in own if positive(p.configuration.size) and _error(p, fit.key)]
-        shown.sort(key=lambda p: p.configuration.size or 0.0)
+        shown = _shown(family, fit)
         if len(shown) > 1:
-            panels.setdefault((fit.key, _size_label(own)), []).append((fit, shown))
+            panels.setdefault((fit.key, _size_label(shown)), []).append((fit, shown))
+    for (key, size), series in panels.items():
+        for fit in known:
+            same = (fit.axis, fit.series, fit.key) == (*BESIDE, key) and axis in COMPARED
+            if same and _size_label(_shown(family, fit)) == size:
+                series.append((replace(fit, series=BESIDE_NAME), _shown(family, fit)))
     return panels
+
+
+def _shown(family: FamilyResult, fit: Fit) -> list[Point]:
+    """The points of a series that can be shown, the finest first."""
+    own = [p for p in family.axis(fit.axis) if p.configuration.series == fit.series]
+    shown = [p for p in own if positive(p.configuration.size) and _error(p, fit.key)]
+    return sorted(shown, key=lambda p: p.configuration.size or 0.0)
 
 
 def _draw_panel(axes: Axes, key: str, series: Series) -> None:
