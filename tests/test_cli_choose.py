@@ -12,9 +12,12 @@ import pytest
 from choosing_work import measured_here
 from click.testing import CliRunner, Result
 
-from softmpc.accuracy import motion_cost, study
+from softmpc import compiled
+from softmpc.accuracy import choose as choosing
+from softmpc.accuracy import choose_families, choose_rate, motion_cost, study
 from softmpc.accuracy.bound import CALIBRATED
 from softmpc.accuracy.choose_families import GOALS
+from softmpc.accuracy.motion_reference import COARSER, FINE
 from softmpc.accuracy.store import Store
 from softmpc.accuracy.study import read_task
 from softmpc.accuracy.work import REFERENCE, Case
@@ -64,6 +67,12 @@ def _in_one_process() -> Iterator[None]:
         patch.setenv("SOFTMPC_COMPILE", "never")
         patch.setattr(study, "measure_alone", measured_here)
         patch.setitem(motion_cost.SPEND, True, 0.05)
+        patch.setitem(choosing.MOST_TIMED, "motion", 2)
+        patch.setitem(choosing.MOST_FAILED, "motion", 1)
+        patch.setitem(choose_families.COUNTS, FINE, (2, 3, 4))
+        patch.setitem(choose_families.COUNTS, COARSER, (1, 2, 3))
+        patch.setattr(choose_rate, "LONGEST", 20)
+        patch.setattr(compiled, "LARGEST", 0)  # instructions: times at a rate would be compiled
         yield
 
 
