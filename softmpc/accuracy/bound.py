@@ -37,8 +37,8 @@ class Calibration:
         return isfinite(conformal_factor([0.0] * self.scenes))
 
 
-# Conformal factors, rounded up. A rod has no segments: its scores are below 2e-6, and the factor 1 is
-# more than it needs. Theory expects 1/9 of the doubt to be left of motions that are extrapolated from
+# Conformal factors, rounded up. A rod has no segments: its scores are below 2e-6, and the factor 1
+# is more than it needs. Theory expects 1/9 of the doubt to be left of motions, extrapolated from
 # 3, 4 and 6 segments; of loops on 4 segments a section, 1.3 of the difference to 3.
 CALIBRATED = {
     "rest": Calibration(1.0, 11),
