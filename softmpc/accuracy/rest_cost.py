@@ -25,7 +25,7 @@ SAMPLE = 2e-3  # s of calls, a measurement
 MOST_CALLS = 1000
 SHARE = 0.3  # of full pressure, where a rest is found
 # In all, where CasADi differentiates the whole arm: beyond, its Jacobian takes minutes.
-MOST_SEGMENTS = {"newton-euler": 2, "newton-euler-full": 2, PRINTED_RATES: 16}
+MOST_SEGMENTS = {"newton-euler": 2, "newton-euler-full": 2, PRINTED_RATES: 4}
 Numbers = dict[str, Any]
 
 

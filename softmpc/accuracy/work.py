@@ -45,7 +45,8 @@ class Measure:
 
     def __call__(self, case: Case) -> dict[str, Any]:
         try:
-            if case.part != COST:  # compiled or not, errors are the same
+            # Compiled or not, errors are the same; a quick study ends before a compiler has paid.
+            if case.part != COST and not self.task.quick:
                 return {"status": MEASURED, **self._numbers(case)}
             with environment(SOFTMPC_COMPILE=case.configuration.compile):
                 return {"status": MEASURED, **self._numbers(case)}
