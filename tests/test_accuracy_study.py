@@ -21,7 +21,7 @@ from softmpc import InputError
 from softmpc.accuracy import alone, study
 from softmpc.accuracy.alone import KILLED
 from softmpc.accuracy.configuration import Task
-from softmpc.accuracy.orders import AS_THEORY, fits
+from softmpc.accuracy.orders import fits
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.study import run_study
 from softmpc.accuracy.work import MEASURED, Case, Measure
@@ -425,4 +425,4 @@ def test_the_arm_at_rest_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert again.summary()["families"] == whole.summary()["families"]
     assert len(keys(keep)) == keep.read_text().count('"key"')  # none twice
     by_key = {fit.key: fit for fit in fits(whole.family("rest"))}
-    assert by_key["error_m"].verdict == AS_THEORY, by_key
+    assert by_key["error_m"].order == pytest.approx(2.0, abs=0.2), by_key

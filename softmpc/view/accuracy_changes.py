@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.accuracy.model_axes import AS_GIVEN
-from softmpc.view.accuracy_style import PLACES, Mark, error_unit, log_scale, marks, metres, positive
+from softmpc.view.accuracy_style import (
+    Mark,
+    error_unit,
+    log_scale,
+    marks,
+    metres,
+    positive,
+    situation,
+)
 from softmpc.view.style import INK, figure, label, styled
 
 if TYPE_CHECKING:
@@ -43,7 +51,7 @@ def changes_figure(family: FamilyResult) -> Figure:
     """Bars of what each part changes, and of its time beside the scene as given."""
     points = changed_points(family)
     made = figure(10.0, 1.7 + 0.24 * max(4, len(points)),
-                  f"What each part of the scene changes {PLACES[family.name]}")  # fmt: skip
+                  f"What each part of the scene changes {situation(family.name)}")  # fmt: skip
     known = marks(family)
     left, right = made.subplots(1, 2, sharey=True, width_ratios=(3, 2))
     places = np.arange(len(points), dtype=float)

@@ -13,12 +13,12 @@ from softmpc.accuracy.orders import AS_THEORY, AT_FLOOR, DIVERGES, TOO_FEW, Fit,
 from softmpc.view.accuracy_style import (
     DOUBT,
     MARKERS,
-    PLACES,
     Unit,
     error_unit,
     log_scale,
     outside,
     positive,
+    situation,
     ticks_at,
     varied_keys,
 )
@@ -64,7 +64,7 @@ def convergence_figure(family: FamilyResult, axis: str) -> Figure:
     Legends have the fitted orders with theory.
     """
     panels = _panels(family, axis)
-    title = f"Convergence along “{axis}”, {PLACES[family.name]}"
+    title = f"Convergence along “{axis}”, {situation(family.name)}"
     made = figure(10.0, 0.6 + PANEL * len(panels), title)
     drawn = made.subplots(len(panels), 1, squeeze=False)[:, 0]
     for axes, ((key, size), own) in zip(drawn, panels.items(), strict=True):

@@ -60,7 +60,7 @@ def work_precision_figure(family: FamilyResult) -> Figure:
 
     Points below the doubt of the reference are drawn at it, and hollow. Labels have their units.
     """
-    made = figure(11.0, 6.4, TITLES[family.name])
+    made = figure(11.0, 6.4, TITLES.get(family.name, f"{family.name}: error over time"))
     axes: Axes = made.subplots()
     units = _units(family)
     lines = _lines(family, marks(family))

@@ -14,7 +14,7 @@ from softmpc.view.accuracy import study_figures
 from softmpc.view.accuracy_convergence import key_label
 from softmpc.view.accuracy_html import details, element, items, page, picture, table, terms
 from softmpc.view.accuracy_sentences import in_short
-from softmpc.view.accuracy_style import PLACES, metres
+from softmpc.view.accuracy_style import metres, situation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -111,7 +111,7 @@ def _references(study: Study) -> list[str]:
     parts = [element("h2", "What was measured against what")]
     for family in study.families:
         known = FAMILIES[family.name]
-        parts.append(element("h3", _capital(PLACES[family.name])))
+        parts.append(element("h3", _capital(situation(family.name))))
         if family.missing:
             parts.append(element("p", f"Not measured: {family.missing}."))
         if family.points or not family.missing:
@@ -127,7 +127,7 @@ def _references(study: Study) -> list[str]:
 def _family(family: FamilyResult, figures: Mapping[str, Figure]) -> list[str]:
     """Pictures and tables of one family."""
     own = {name: made for name, made in figures.items() if f"-{family.name}" in name}
-    parts = [element("h2", f"Results {PLACES[family.name]}")]
+    parts = [element("h2", f"Results {situation(family.name)}")]
     parts += _pictures(own, "work-precision")
     if rows := _front(family):
         parts += [element("h3", "The Pareto front"), table(rows, 2)]

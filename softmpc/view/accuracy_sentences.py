@@ -12,7 +12,7 @@ from softmpc.accuracy.orders import AGREES, AS_THEORY, DIFFERS, DIVERGES, Fit, f
 from softmpc.accuracy.tables import time_text
 from softmpc.view.accuracy_changes import change_m, changed_points
 from softmpc.view.accuracy_convergence import key_label
-from softmpc.view.accuracy_style import PLACES, metres
+from softmpc.view.accuracy_style import metres, situation
 
 if TYPE_CHECKING:
     from softmpc.accuracy.points import FamilyResult, Point, Study
@@ -48,7 +48,7 @@ def _cheapest(family: FamilyResult) -> str:
     if missed:
         parts.append(f"nothing is within {_joined([metres(t) for t in missed], 'or')}")
     cost = FAMILIES[family.name].cost_label.rpartition(" (")[0]
-    start = PLACES[family.name]
+    start = situation(family.name)
     return f"{start[:1].upper()}{start[1:]}, {'; '.join(parts)}. The time is: {cost}."
 
 
@@ -114,7 +114,7 @@ def _changes(study: Study) -> str:
     least = largest[-1]
     end = f"; the smallest: “{least.name}” {metres(change_m(least) or 0.0)}"
     return (
-        f"What changes most {PLACES[family.name]} when it is left out, added or replaced: "
+        f"What changes most {situation(family.name)} when it is left out, added or replaced: "
         f"{', '.join(told)}{end if len(largest) > MOST_NAMED else ''}."
     )
 

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from softmpc.accuracy.points import FamilyResult, Point
 
 __all__ = [
-    "DOUBT", "GIVEN", "MARKERS", "PLACES", "Mark", "Unit", "error_unit", "log_scale", "marks",
+    "DOUBT", "GIVEN", "MARKERS", "Mark", "Unit", "error_unit", "log_scale", "marks", "situation",
     "metres", "outside", "paler", "positive", "read_key", "ticks_at", "time_unit", "varied_keys",
 ]  # fmt: skip
 
-PLACES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
+_PLACES = {"rest": "at rest", "motion": "in motion", "loop": "in closed loop"}
 MARKERS = "os^DvPXph<>d"  # no star, which is the scene as given
 SMALL = 1e-7  # m
 MOST_TICKS, APART = 8, 1.3
@@ -71,6 +71,11 @@ def marks(family: FamilyResult) -> dict[str, Mark]:
         axis: Mark(MORE_COLOURS[i % len(MORE_COLOURS)], MARKERS[i % len(MARKERS)])
         for i, axis in enumerate(axes)
     }
+
+
+def situation(family: str) -> str:
+    """Where the arm of a family is, in words; a family of one's own goes by its name."""
+    return _PLACES.get(family, family)
 
 
 def positive(value: Any) -> TypeGuard[float]:
