@@ -18,6 +18,7 @@ from functools import partial
 from typing import Any
 
 from softmpc.errors import SweepError, WorkerKilledError
+from softmpc.interrupts import InterruptLater
 from softmpc.sweep_chunks import Chunk, Outcome, packed, run_packed
 
 __all__ = ["ATTEMPTS", "Processes", "Rest", "finished_in", "finished_in_processes", "in_worker"]
@@ -56,8 +57,11 @@ class Processes(ProcessPoolExecutor):
 
     def submit(self, *args: Any, **kwargs: Any) -> Future:
         """As of any pool; this is where processes are started."""
-        with _quiet_start():
-            return super().submit(*args, **kwargs)
+        with InterruptLater() as interrupt, _quiet_start():  # none that is started by half
+            future = super().submit(*args, **kwargs)
+        if interrupt.asked:
+            raise KeyboardInterrupt
+        return future
 
     def kill(self) -> None:
         """End the workers at once, whatever they do; a solver would keep `shutdown` waiting."""

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from softmpc.accuracy.configuration import Configuration, Task
-from softmpc.accuracy.loop_task import coarser, fine_scene, on_plant, prepared, tracking
+from softmpc.accuracy.loop_task import (
+    coarser,
+    fine_scene,
+    on_plant,
+    prepared,
+    run_through,
+    tracking,
+)
 from softmpc.control.tracking import Setup
 from softmpc.errors import SceneError
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import scene_from_dict
-from softmpc.simulation.integrator import IntegrationError
 
 __all__ = ["doubted_error", "largest_error", "loop_error", "plant_changes", "plant_of"]
 
@@ -69,17 +73,5 @@ def _setup(task: Task, configuration: Configuration) -> Setup:
 
 def largest_error(setup: Setup) -> tuple[float, int]:
     """Of a run of the loop (m), once settled, and how many steps failed."""
-    run = setup.run(setup.controller, _waiting(time.perf_counter() + PATIENCE))
-    if run.status == "interrupted":
-        raise KeyboardInterrupt
-    if run.status != "finished":
-        raise IntegrationError(run.status)
+    run = run_through(setup, setup.controller, PATIENCE)
     return float(run.error[run.time >= run.settle].max()), run.failures
-
-
-def _waiting(until: float) -> Callable[[int, int], None]:
-    def waiting(done: int, steps: int) -> None:
-        if time.perf_counter() > until:
-            raise IntegrationError(f"takes too long, {done} of {steps} steps are done")
-
-    return waiting

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -19,16 +18,15 @@ from softmpc.accuracy.loop_task import (
     fine_scene,
     on_plant,
     prepared,
+    run_through,
     tracking,
     why_no_loop,
 )
-from softmpc.control.closed_loop import Controller
 from softmpc.control.track_result import TrackResult
 from softmpc.control.track_scene import Tracking
 from softmpc.control.tracking import Setup
 from softmpc.errors import InputError, unknown_name
 from softmpc.model.scene import Scene
-from softmpc.simulation.integrator import IntegrationError
 
 __all__ = ["DOUBT", "Loop"]
 
@@ -102,11 +100,11 @@ class Loop(Family):
         assert model is not None
         own, patience = on_plant(setup, model, scene), PATIENCE[task.quick]
         with controlled(setup, configuration.variant) as controller:
-            run, ideal = (_run(one, controller, patience) for one in (setup, own))
+            run, ideal = (run_through(one, controller, patience) for one in (setup, own))
             found, doubt_m = _errors(run), float(references[DOUBT]["doubt_m"])
             if found["error_m"] > FAR * references[DOUBT]["error_m"]:
                 less = on_plant(setup, coarser(_plant(asked)), scene)
-                again = _errors(_run(less, controller, patience))
+                again = _errors(run_through(less, controller, patience))
                 doubt_m = abs(found["error_m"] - again["error_m"])
         return found | {
             "doubt_m": doubt_m,
@@ -124,31 +122,15 @@ def _doubt(task: Task, scene: Scene, asked: Tracking) -> Numbers:
     """How much the error of the scene as given differs on a coarser plant."""
     setup, patience = prepared(scene, asked), PATIENCE[task.quick]
     plants = setup, on_plant(setup, coarser(_plant(asked)), scene)
-    fine, less = (_errors(_run(one, setup.controller, patience))["error_m"] for one in plants)
+    fine, less = (
+        _errors(run_through(one, setup.controller, patience))["error_m"] for one in plants
+    )
     return {"doubt_m": abs(fine - less), "error_m": fine, "about": ""}
 
 
 def _plant(asked: Tracking) -> Scene:
     assert asked.plant.scene is not None  # `tracking` gives it one
     return asked.plant.scene
-
-
-def _run(setup: Setup, controller: Controller, patience: float) -> TrackResult:
-    """The loop to its end; raises `IntegrationError` where it does not come there."""
-    run = setup.run(controller, _waiting(time.perf_counter() + patience))
-    if run.status == "interrupted":
-        raise KeyboardInterrupt
-    if run.status != "finished":
-        raise IntegrationError(run.status)
-    return run
-
-
-def _waiting(until: float) -> Callable[[int, int], None]:
-    def waiting(done: int, steps: int) -> None:
-        if time.perf_counter() > until:
-            raise IntegrationError(f"takes too long, {done} of {steps} steps are done")
-
-    return waiting
 
 
 def _errors(run: TrackResult) -> Numbers:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from softmpc.control.closed_loop import Controller, start_at
 from softmpc.control.paths import Reference
 from softmpc.control.planned import motion_of
 from softmpc.control.planned_start import start_of
+from softmpc.control.track_result import TrackResult
 from softmpc.control.track_scene import Plant, Tracking, read_tracking
 from softmpc.control.tracking import STARTS, Setup, set_up
 from softmpc.errors import SceneError, unknown_name
@@ -23,13 +25,14 @@ from softmpc.model.mass import GaussMass
 from softmpc.model.model import build
 from softmpc.model.scene import MAX_SEGMENTS, Scene
 from softmpc.model.scene_file import scene_from_dict
+from softmpc.simulation.integrator import IntegrationError
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.targets import Position
 
 __all__ = [
-    "IN_C", "coarser", "controlled", "fine_scene", "on_plant", "prepared", "shortened", "tracking",
-    "why_no_loop",
+    "IN_C", "coarser", "controlled", "fine_scene", "on_plant", "prepared", "run_through",
+    "shortened", "tracking", "why_no_loop",
 ]  # fmt: skip
 
 IN_C = "in C"  # the variant whose controller is generated and compiled
@@ -151,3 +154,21 @@ def controlled(setup: Setup, variant: str) -> Iterator[Controller]:
             yield controller
     else:
         yield setup.controller
+
+
+def run_through(setup: Setup, controller: Controller, patience: float) -> TrackResult:
+    """The loop to its end; raises `IntegrationError` where it does not come there."""
+    run = setup.run(controller, _waiting(time.perf_counter() + patience))
+    if run.status == "interrupted":
+        raise KeyboardInterrupt
+    if run.status != "finished":
+        raise IntegrationError(run.status)
+    return run
+
+
+def _waiting(until: float) -> Callable[[int, int], None]:
+    def waiting(done: int, steps: int) -> None:
+        if time.perf_counter() > until:
+            raise IntegrationError(f"takes too long, {done} of {steps} steps are done")
+
+    return waiting
