@@ -14,6 +14,8 @@ from collections.abc import Iterator
 import pytest
 
 _made: list[str] = []
+LOG_LEVEL = logging.getLogger("softmpc").level
+LOG_HANDLERS = logging.getLogger("softmpc").handlers[:]
 # What needs signals, shells or GNU's tools (nm, size, flags of GCC) as Linux has them; by file, all
 # tests or those named.
 ON_LINUX: dict[str, tuple[str, ...]] = {
@@ -86,10 +88,17 @@ def pytest_unconfigure() -> None:
 
 
 @pytest.fixture(autouse=True)
-def log_as_before() -> Iterator[None]:
-    """A command sets what the package's log lets through, for the process that it is."""
-    package = logging.getLogger("softmpc")
-    level, handlers = package.level, package.handlers[:]
+def log_as_at_first() -> Iterator[None]:
+    """A command sets what the package's log lets through, for the process that it is.
+
+    Also one that a fixture of a module runs, which is before this one begins.
+    """
+    _set_log()
     yield
-    package.setLevel(level)
-    package.handlers[:] = handlers
+    _set_log()
+
+
+def _set_log() -> None:
+    package = logging.getLogger("softmpc")
+    package.setLevel(LOG_LEVEL)
+    package.handlers[:] = LOG_HANDLERS

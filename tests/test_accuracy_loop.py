@@ -143,11 +143,11 @@ def test_long_paths_are_cut() -> None:
     long = changed(DOCUMENT, {"track.laps": 5, "track.smooth_start": 1.0, "track.settle": 1.0})
     _, task = tracking(Task(long, quick=True), AS_GIVEN)
     whole = read_tracking(long["track"], Path(), long)
-    assert task.reference.duration == pytest.approx(2.0)
-    assert task.settle == pytest.approx(0.8)
-    assert task.reference.law.smooth_start == pytest.approx(0.8)
+    assert task.reference.duration == pytest.approx(1.5)
+    assert task.settle == pytest.approx(0.6)
+    assert task.reference.law.smooth_start == pytest.approx(0.6)
     assert np.allclose(task.reference.position([0.0]), whole.reference.position([0.0]))
-    speed = np.diff(task.reference.law.phase(np.array([1.8, 1.9])))
+    speed = np.diff(task.reference.law.phase(np.array([1.3, 1.4])))
     assert speed == pytest.approx(0.1)  # a lap a second
     assert shortened(whole, 10.0) is whole
 
@@ -194,7 +194,7 @@ def test_what_a_step_costs(monkeypatch: pytest.MonkeyPatch) -> None:
     found = Measure(TASK)(Case("loop", "cost", configuration=long))
     assert found["status"] == MEASURED
     assert found["ratio"] == pytest.approx(found["median_s"] / found["beside_s"])
-    assert found["steps"] == 30
+    assert found["steps"] == 20
     assert 0 < found["median_s"] <= found["time_s"] < 10
     assert found["build_s"] > 0 and found["instructions"] > 1000
     assert "c_bytes" not in found  # in quick mode, where only a controller in C has them

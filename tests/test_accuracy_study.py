@@ -20,6 +20,7 @@ from study_work import SIZES, Noted, Pretended, noted, start
 from softmpc import InputError
 from softmpc.accuracy import alone, study
 from softmpc.accuracy.alone import KILLED
+from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Task
 from softmpc.accuracy.orders import fits
 from softmpc.accuracy.points import Study
@@ -228,6 +229,21 @@ def test_quick_times_share_a_process(log: Path, killed: str | None) -> None:
         assert set(states.values()) == {MEASURED}
     for one, after in pairwise(times):
         assert after.began > one.ended
+
+
+def test_what_times_are_compared_with_is_made_once_in_quick_studies() -> None:
+    made: list[str] = []
+
+    def ask(document: dict[str, Any], quick: bool = True) -> int:
+        def make() -> int:
+            made.append(document["title"])
+            return len(made)
+
+        return made_once("test", Task(document, quick=quick), make)
+
+    assert [ask({"title": "a"}), ask({"title": "a"}), ask({"title": "b"})] == [1, 1, 2]
+    assert [ask({"title": "b"}, quick=False), ask({"title": "b"}, quick=False)] == [3, 4]
+    assert made == ["a", "b", "b", "b"]
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.family import Family, Numbers
 from softmpc.accuracy.loop_axes import loop_axes
@@ -26,6 +27,7 @@ from softmpc.control.track_result import TrackResult
 from softmpc.control.track_scene import Tracking
 from softmpc.control.tracking import Setup
 from softmpc.errors import InputError, unknown_name
+from softmpc.model.model import build
 from softmpc.model.scene import Scene
 
 __all__ = ["DOUBT", "Loop"]
@@ -95,7 +97,7 @@ class Loop(Family):
         a controller that is far worse than the scene's, for it may swing, one of its own.
         """
         scene, asked = tracking(task, configuration)
-        setup = prepared(scene, asked)
+        setup = prepared(scene, asked, made_once("plant", task, lambda: build(_plant(asked))))
         model = asked.controller.scene
         assert model is not None
         own, patience = on_plant(setup, model, scene), PATIENCE[task.quick]

@@ -46,7 +46,7 @@ def loop_axes(task: Task) -> Iterator[Configuration]:
         given = settings.costs[0].deviation
         changes = _unless(deviation == given, {"tip_deviation": deviation})
         yield Configuration("softness", f"{1e3 * deviation:g} mm of the tip cost ½", changes)
-    yield from _run_as(settings)
+    yield from _run_as(task, settings)
 
 
 def _unless(same: bool, changes: Mapping[str, Any], prefix: str = CONTROLLER) -> dict[str, Any]:
@@ -122,10 +122,11 @@ def _growing(total: int, alone: int) -> list[int]:
     return found
 
 
-def _run_as(given: ControllerSettings) -> Iterator[Configuration]:
+def _run_as(task: Task, given: ControllerSettings) -> Iterator[Configuration]:
     """Whether its functions are compiled, and the whole controller in C."""
-    yield Configuration("compilation", "never compiled")
-    yield Configuration("compilation", "compiled", compile="require")
+    if not task.quick:
+        yield Configuration("compilation", "never compiled")
+        yield Configuration("compilation", "compiled", compile="require")
     own = _unless(given.solver == "real-time", {"solver": "real-time"})
     yield Configuration("in C", "in Python", own)
     yield Configuration("in C", "in C", own, variant=IN_C)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.environment import environment
 from softmpc.accuracy.loop_task import IN_C, prepared, shortened, tracking
@@ -30,7 +31,7 @@ __all__ = ["loop_cost"]
 BEGINNING = 1.0  # s of the path that is run
 BLOCK = 12  # steps of a run; runs of both controllers take turns
 FIRST = 2  # of a run, from nothing, do not count
-TURNS = {True: 3, False: 6}  # by `quick`
+TURNS = {True: 2, False: 6}  # by `quick`
 PATIENCE = 20.0  # s of steps, after which there are no more turns
 AS_GIVEN = Configuration("", "")
 Numbers = dict[str, Any]
@@ -54,7 +55,7 @@ def loop_cost(task: Task, configuration: Configuration) -> Numbers:
         own.steps(1 + FIRST)
         found["memory_mib"] = memory_mib()
         with environment(SOFTMPC_COMPILE=AS_GIVEN.compile):
-            beside = _Timed.of(task, AS_GIVEN)
+            beside = made_once("loop", task, lambda: _Timed.of(task, AS_GIVEN))
         found |= _by_turns(own, beside, TURNS[task.quick])
         whole = not task.quick or configuration.variant == IN_C
         return found | _code(own.setup, Path(folder) / "code", whole)

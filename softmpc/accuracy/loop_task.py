@@ -17,12 +17,12 @@ from softmpc.control.planned import motion_of
 from softmpc.control.planned_start import start_of
 from softmpc.control.track_result import TrackResult
 from softmpc.control.track_scene import Plant, Tracking, read_tracking
-from softmpc.control.tracking import STARTS, Setup, set_up
+from softmpc.control.tracking import STARTS, Setup, model_of, set_up
 from softmpc.errors import SceneError, unknown_name
 from softmpc.model.formulations import VirtualPower
 from softmpc.model.kinematics import ConstantStrainArc
 from softmpc.model.mass import GaussMass
-from softmpc.model.model import build
+from softmpc.model.model import Model, build
 from softmpc.model.scene import MAX_SEGMENTS, Scene
 from softmpc.model.scene_file import scene_from_dict
 from softmpc.simulation.integrator import IntegrationError
@@ -37,7 +37,7 @@ __all__ = [
 
 IN_C = "in C"  # the variant whose controller is generated and compiled
 SEGMENTS = {True: 4, False: 8}  # a section of the plant, at least, by `quick`
-LONGEST = {True: 2.0, False: 10.0}  # s of the path, by `quick`
+LONGEST = {True: 1.5, False: 10.0}  # s of the path, by `quick`
 BEGINNING = 0.4  # of the time, at most, for the smooth start, and before errors count
 
 
@@ -124,9 +124,9 @@ def shortened(task: Tracking, seconds: float) -> Tracking:
     return replace(task, reference=Reference(reference.path, law), settle=min(task.settle, most))
 
 
-def prepared(scene: Scene, task: Tracking) -> Setup:
-    """The task ready to run."""
-    return set_up(scene, task, clearance=False)
+def prepared(scene: Scene, task: Tracking, *known: Model) -> Setup:
+    """The task ready to run; models that are `known` are taken for scenes that are theirs."""
+    return set_up(scene, task, clearance=False, known=known)
 
 
 def on_plant(setup: Setup, scene: Scene, planner: Scene) -> Setup:
@@ -134,7 +134,7 @@ def on_plant(setup: Setup, scene: Scene, planner: Scene) -> Setup:
 
     `planner` is the scene that a plan was made with.
     """
-    plant = build(scene)
+    plant = model_of(scene, setup.ocp.model)
     reference, motion = setup.task.reference, motion_of(setup.task.reference)
     if motion is not None:
         start, _ = start_of(motion, build(planner), plant, reference)

@@ -27,7 +27,7 @@ PRINTED, KINEMATICS = "formulation", "kinematics"
 # Quick studies have these series alone, with so many segments at most.
 QUICK = {"lumped mass": 8, "2 Gauss points": 8, "paper arc, 2 Gauss points": 4}
 MOST_PRINTED = {True: 1, False: 2}  # segments a section, by `quick`
-COUNTS = {True: (2,), False: (1, 2, 4)}  # of derivatives and compilation
+COUNTS = {True: (1,), False: (1, 2, 4)}  # of derivatives and compilation
 RARE = ("rotor_inertia", "cavitation", "end_stops", "back_driving")  # effects of the drive
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.environment import environment
 from softmpc.accuracy.motion_task import PATIENCE, integrator_of, run, settings_of
@@ -58,10 +59,10 @@ def _measured(task: Task, configuration: Configuration, own: _Arm) -> Numbers:
     took = own.whole(PATIENCE[task.quick])
     found: Numbers = {"memory_mib": memory_mib()}
     with environment(SOFTMPC_COMPILE="never"):
-        given = own.as_given(task, configuration.variant)
+        given = made_once("motion", task, lambda: own.as_given(task, configuration.variant))
         took += given.whole(PATIENCE[task.quick])
     repeats = int(np.clip(SPEND[task.quick] / took, FEWEST, MOST))
-    times = by_turns(own.whole, given.whole, repeats)
+    times = by_turns(own.whole, given.whole, repeats, first=False)
     second = own.settings.duration
     for key in ("time_s", "spread_s", "beside_s"):
         times[key] /= second

@@ -18,14 +18,18 @@ Work = Callable[[], Any]
 clock = time.perf_counter if sys.platform == "win32" else time.process_time
 
 
-def by_turns(one: Work, other: Work, repeats: int, calls: int = 1) -> dict[str, float]:
+def by_turns(
+    one: Work, other: Work, repeats: int, calls: int = 1, first: bool = True
+) -> dict[str, float]:
     """Times of `one`, and how they compare with those of `other`, run by turns.
 
     By turns, because a busy machine then slows both, and in processor time. `time_s` and `spread_s`
     are the median and the distance between quartiles of `repeats` runs, each of `calls` calls, a
-    call; `ratio` is the median of `one` over that of `other`.
+    call; `ratio` is the median of `one` over that of `other`. What is made on the `first` run is
+    no part of it; without, both have run before.
     """
-    one(), other()  # what is made on the first call is no part of it
+    if first:
+        one(), other()
     times = np.array([[_seconds(work, calls) for work in (one, other)] for _ in range(repeats)])
     own, beside = times.T
     return {

@@ -37,8 +37,8 @@ from softmpc.statics.clearance import find_clearance
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 
-__all__ = ["Deputy", "Setup", "Tracking", "deputy", "read_track_file", "read_tracking", "ready",
-           "set_up", "track", "track_file", "without_feed_forward"]  # fmt: skip
+__all__ = ["Deputy", "Setup", "Tracking", "deputy", "model_of", "read_track_file", "read_tracking",
+           "ready", "set_up", "track", "track_file", "without_feed_forward"]  # fmt: skip
 
 CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
@@ -182,24 +182,26 @@ def set_up(
     disturbance: Callable[[Scene], Disturbance] | None = None,
     progress: Progress | None = None,
     clearance: bool = True,
+    known: Sequence[Model] = (),
 ) -> Setup:
     """Models, checks before the run, controller and start of a task.
 
     `disturbance` makes, of the controller's scene, what its problem is told of in each step.
     Without `clearance` nobody looks for the distance to the edge, which takes most of the time.
+    Models that are `known` are taken for scenes that are theirs.
     """
     plant_scene = scene if task.plant.scene is None else task.plant.scene
-    plant, motion = build(plant_scene), motion_of(task.reference)
+    plant, motion = model_of(plant_scene, *known), motion_of(task.reference)
     inverse = InverseStatics(plant, starts=STARTS)
     settings = task.controller
     with errors_in("[track.controller]"):
-        model = _model_of(scene if settings.scene is None else settings.scene, plant)
+        model = model_of(scene if settings.scene is None else settings.scene, plant, *known)
         ocp = settings.problem(model, motion is not None)
         if disturbance is not None:
             ocp = replace(ocp, disturbance=disturbance(model.scene))
         to_state = StateMap(plant, model)
     if motion is not None:
-        return _set_up_plan(task, motion, _model_of(scene, plant, model), plant, ocp)
+        return _set_up_plan(task, motion, model_of(scene, plant, model, *known), plant, ocp)
     with errors_in("[track]"):
         far = check_reach(inverse, task.reference, task.on_infeasible == "project")
     if far is not None:
@@ -267,7 +269,7 @@ def without_feed_forward(setup: Setup) -> Mpc:
     return _mpc(ocp, settings, _pressures_at_end(settings, motion))
 
 
-def _model_of(scene: Scene, *known: Model) -> Model:
+def model_of(scene: Scene, *known: Model) -> Model:
     """The model of a scene, one of those that are there if it is of that scene."""
     return next((model for model in known if model.scene == scene), None) or build(scene)
 
