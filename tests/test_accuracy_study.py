@@ -26,6 +26,7 @@ from softmpc.accuracy.orders import fits
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.study import run_study
 from softmpc.accuracy.work import MEASURED, Case, Measure
+from softmpc.errors import SweepError
 
 BY_NAME = {one.name: one.identity for one in Pretended().configurations(Task({}))}
 DISTINCT = 1 + 2 * len(SIZES)  # configurations of the pretended family
@@ -229,6 +230,24 @@ def test_quick_times_share_a_process(log: Path, killed: str | None) -> None:
         assert set(states.values()) == {MEASURED}
     for one, after in pairwise(times):
         assert after.began > one.ended
+
+
+def test_what_a_shared_process_leaves_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Results that come at the same time come in any order."""
+    cases = [Case("pretended", "cost", str(i)) for i in range(4)]
+
+    def broken(work: Measure, cases: list[Case], arrived: Any, **_: Any) -> None:
+        for i in (2, 0):
+            arrived(i, {"status": MEASURED, "memory_mib": 1.0})
+        raise SweepError("its worker was killed")
+
+    monkeypatch.setattr(alone, "sweep", broken)
+    monkeypatch.setattr(alone, "measured_alone", lambda work, case: {"status": "alone"})
+    found: dict[str, Any] = {}
+    work = Measure(Task({}, quick=True))
+    alone.measure_alone(work, cases, lambda case, result: found.update({case.name: result}))
+    shared, own = {"status": MEASURED}, {"status": "alone"}
+    assert found == {"2": shared, "0": shared, "1": own, "3": own}
 
 
 def test_what_times_are_compared_with_is_made_once_in_quick_studies() -> None:

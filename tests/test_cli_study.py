@@ -81,6 +81,15 @@ def test_json_and_files(scene: Path, tmp_path: Path) -> None:
     assert "softmpc study arm.toml --out DIR" in report and str(tmp_path) not in report
 
 
+@pytest.mark.usefixtures("no_pictures")
+def test_pictures_of_another_study_do_not_stay(scene: Path, tmp_path: Path) -> None:
+    old, own = tmp_path / "changes-motion.png", tmp_path / "arm.png"
+    old.touch(), own.touch()
+    result = softmpc(scene, "--out", tmp_path, "--axis", "second")
+    assert result.exit_code == 0, result.output
+    assert own.exists() and not old.exists()
+
+
 def test_table_for_people_and_nothing_kept(
     scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

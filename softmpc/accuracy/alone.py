@@ -47,11 +47,10 @@ def measure_alone(work: Measure, cases: Sequence[Case], arrived: Arrived) -> Non
 
 def _measured_by_one(work: Measure, cases: list[Case], arrived: Arrived) -> list[Case]:
     """Measure cases by one process; returns those that are left where it does not survive them."""
-    done = 0
+    done: set[int] = set()
 
     def told(i: int, result: dict[str, Any]) -> None:
-        nonlocal done
-        done = i + 1
+        done.add(i)  # of those that end at the same time, in any order
         arrived(cases[i], {key: value for key, value in result.items() if key != "memory_mib"})
 
     pool = Processes(1)
@@ -61,7 +60,7 @@ def _measured_by_one(work: Measure, cases: list[Case], arrived: Arrived) -> list
         pass  # each of the others has a process of its own then
     finally:
         pool.kill()
-    return cases[done:]
+    return [case for i, case in enumerate(cases) if i not in done]
 
 
 def measured_alone(work: Measure, case: Case) -> dict[str, Any]:

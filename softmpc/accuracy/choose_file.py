@@ -48,7 +48,8 @@ def evidence_lines(choice: Choice, command: str = "") -> Iterator[str]:
     if command:
         yield f"Chosen by: {command}"
     yield f"Changed: {chosen.point.name}."
-    yield f"Measured: {GOALS[goal.family].error_label}: {length_text(error['error_m'])}."
+    label = _without_unit(GOALS[goal.family].error_label)
+    yield f"Measured: {label}: {length_text(error['error_m'])}."
     share = f"in {100 * SHARE:.0f} % of scenes"
     rests = f"calibrated on {_counted(calibrated.scenes)}"
     if not calibrated.enough:
@@ -60,13 +61,18 @@ def evidence_lines(choice: Choice, command: str = "") -> Iterator[str]:
     )
     for about in dict.fromkeys(choice.references.values()):
         yield f"Reference: {about}."
-    yield f"Cost: {time_text(chosen.point.cost)}: {GOALS[goal.family].cost_label}."
+    label = _without_unit(GOALS[goal.family].cost_label)
+    yield f"Cost: {time_text(chosen.point.cost)}: {label}."
     if goal.rate_hz is not None and chosen.step_s is not None:
         takes, has = 1e3 * chosen.step_s, 1e3 / goal.rate_hz
         yield f"Rate: a step takes {takes:.3g} ms of {has:.3g} ms (95 % of steps)."
     machine = choice.machine
     compiler = machine["compiler"] or "not compiled: no compiler was found"
     yield f"Machine: {machine['processor']}, {machine['cores']} cores; {compiler}."
+
+
+def _without_unit(label: str) -> str:
+    return label.rpartition(" (")[0]
 
 
 def _counted(scenes: int) -> str:

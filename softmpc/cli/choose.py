@@ -117,7 +117,7 @@ def _judge(choice: Choice) -> tuple[int, str]:
     if choice.status == "interrupted":
         return INTERRUPTED, "interrupted; with --out the same command goes on from here"
     if choice.chosen is None:
-        return NOT_CONVERGED, "; ".join(choice.reasons)
+        return NOT_CONVERGED, "no candidate will do; why, and what to try, is told on stdout"
     return OK, ""
 
 

@@ -115,7 +115,7 @@ def _write(out: Path, found: Study, command: str) -> None:
     """All files but study.json, which every command has; pictures take longest and come last."""
     from softmpc.accuracy.tables import columns, markdown
     from softmpc.simulation.columns import write_columns
-    from softmpc.view.accuracy import study_figures
+    from softmpc.view.accuracy import KINDS, study_figures
     from softmpc.view.accuracy_report import report_html
     from softmpc.view.style import save_figure
 
@@ -125,4 +125,7 @@ def _write(out: Path, found: Study, command: str) -> None:
     figures = study_figures(found)
     for name, figure in figures.items():
         save_figure(figure, out / name)
+    for old in {path for kind in KINDS for path in out.glob(f"{kind}-*.png")}:
+        if old.name not in figures:  # of a study with other families or axes
+            old.unlink()
     write_text(out / "report.html", report_html(found, command, figures))

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
     from softmpc.accuracy.points import FamilyResult, Study
 
-__all__ = ["front_figure", "study_figures"]
+__all__ = ["KINDS", "front_figure", "study_figures"]
+
+KINDS = ("work-precision", "convergence", "changes", "controllers", "times")  # how names begin
 
 
 def study_figures(study: Study) -> dict[str, Figure]:
