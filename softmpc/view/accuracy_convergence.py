@@ -149,14 +149,16 @@ def _draw_panel(axes: Axes, key: str, series: Series) -> None:
 def _style(fit: Fit, index: int) -> dict[str, Any]:
     """Marks without line, whose fit is the line; what does not converge is joined, in red.
 
-    Later ones are smaller, so that all are seen where one is on another.
+    Later ones are larger and hollow, so that all are seen where one is on another.
     """
     style: dict[str, Any] = {
         "color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)],
-        "linestyle": "none", "markersize": max(4.0, 8.5 - 1.2 * index),
+        "linestyle": "none", "markersize": min(5.0 + 2.2 * index, 14.0), "markeredgewidth": 1.3,
+        "fillstyle": "none" if index else "full",
     }  # fmt: skip
     if fit.verdict == DIVERGES:
-        style |= {"color": ALARM, "marker": "X", "linestyle": (0, (1.5, 1.5)), "linewidth": 1.8}
+        style |= {"color": ALARM, "marker": "X", "linestyle": (0, (1.5, 1.5)), "linewidth": 1.8,
+                  "fillstyle": "full"}  # fmt: skip
     return style
 
 
