@@ -111,7 +111,7 @@ def terminal(study: Study) -> str:
             parts.append("\n".join(_aligned(table, 3)))
         if lines := _failures(family):
             parts.append("\n".join(["not measured:", *lines]))
-    if study.points:
+    if any(map(_has_numbers, study.points)):
         explained = "; ".join(f"{sign}: {text}" for sign, text in EXPLAINED.items())
         parts.append(_wrapped(explained))
     return "\n\n".join([*parts, _wrapped(machine_text(study.machine))])
@@ -129,7 +129,7 @@ def markdown(study: Study) -> str:
             blocks += ["### Orders of convergence", piped(table, 3)]
         if lines := _failures(family):
             blocks += ["### Not measured", *_listed(lines)]
-    if study.points:
+    if any(map(_has_numbers, study.points)):
         lines = [f"`{sign}`: {text}" for sign, text in EXPLAINED.items()]
         blocks += ["## What the columns are", *_listed(lines)]
     return "\n\n".join([*blocks, "## Machine", _sentence(machine_text(study.machine))])
