@@ -7,6 +7,7 @@ from accuracy_lookup import MISSING, find, length, seconds
 from softmpc.accuracy.orders import TOO_FEW
 from softmpc.accuracy.points import FamilyResult, Point, Study
 from softmpc.accuracy.tables import order_table, piped
+from softmpc.study.lengths import length_text
 
 __all__ = ["controllers", "numerics", "orders", "references"]
 
@@ -22,7 +23,7 @@ def numerics(motion: FamilyResult) -> str:
     for point in [*motion.axis("derivatives"), *motion.axis("compilation")]:
         jacobian, build = (point.cost.get(key) for key in ("jacobian_us", "build_s"))
         cells = [
-            MISSING if jacobian is None else f"{jacobian:.3g} µs",
+            MISSING if jacobian is None else f"{jacobian:,.0f} µs",
             seconds(point),
             MISSING if build is None else f"{build:.2g} s",
         ]
@@ -65,9 +66,14 @@ def controllers(loop: FamilyResult) -> str:
             rows.append([f"**{axis}**", *[""] * 5])
             rows += [[point.name, *_controller(point)] for point in points]
     one = find(loop, "controller segments", "controller with 1 segment a section")
-    swings = (one.error_m or 0.0) > 10 * (given.error_m or 1.0)
+    swings = max(one.error_m or 0.0, one.doubt_m or 0.0) > 10 * (given.error_m or 1.0)
     own = one.error.get("doubt_m") != given.error.get("doubt_m")
-    told = f"it {'swings' if swings else 'works'}, {_doubted(one) if own else f'{length(one)} off'}"
+    told = f"it is {_doubted(one) if own else f'{length(one)} off'}"
+    if swings:
+        told = (
+            f"it swings, {length_text(one.error_m or 0.0)} off here and by "
+            f"{length_text(one.doubt_m or 0.0)} otherwise on a plant that is one step coarser"
+        )
     return f"""\
 ## Where the controller's accuracy saturates
 

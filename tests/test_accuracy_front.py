@@ -56,6 +56,11 @@ def test_ties() -> None:
     assert names(point("first", 1.0, 0.5), point("second", 1.0, 0.5)) == ["first"]
 
 
+def test_what_is_hardly_better_is_not_on_it() -> None:
+    points = point("good", 1.0, 0.5), point("same", 2.0, 0.496), point("better", 3.0, 0.494)
+    assert names(*points) == ["good", "better"]
+
+
 def test_at_the_floor_only_the_cheapest_is_known_to_be_good() -> None:
     """1 nm and 1 µm cannot be told apart where the reference may be off by 5 µm."""
     points = [

@@ -10,14 +10,16 @@ from softmpc.accuracy.points import FamilyResult, Point
 
 __all__ = ["Front", "front"]
 
+ALIKE = 0.01  # errors that differ by less are the same: it would not be worth any time
+
 
 @dataclass(frozen=True, eq=False)
 class Front:
     """The points of a family that no other one beats, in order of cost.
 
-    Each is dearer than the one before, and more exact. Errors below the doubt of the reference
-    count as large as the doubt: what is below cannot be told apart, so that of the points at the
-    floor only the cheapest is here. Of two that are equal it is the first one measured.
+    Each is dearer than the one before, and more exact by 1 % or more. Errors below the doubt of the
+    reference count as large as the doubt: what is below cannot be told apart, so that of the points
+    at the floor only the cheapest is here. Of two that are equal it is the first one measured.
     """
 
     family: str
@@ -46,7 +48,7 @@ def front(family: FamilyResult) -> Front:
     """The front of a family, of the points that have both an error and a time."""
     best: list[Point] = []
     for point in sorted(filter(_is_complete, family.points), key=_place):
-        if not best or _place(point)[1] < _place(best[-1])[1]:
+        if not best or _place(point)[1] < (1 - ALIKE) * _place(best[-1])[1]:
             best.append(point)
     return Front(family.name, tuple(best))
 

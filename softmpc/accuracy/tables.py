@@ -28,7 +28,7 @@ MARK = "*"
 HEAD = ["", "error", "time ± spread", "ratio", "instructions"]
 ORDERS = ["series", "of", "verdict", "order", "theory", "sizes"]
 EXPLAINED = {
-    MARK: "no other point is as exact in less time",
+    MARK: "no other point is as exact, within 1 %, in less time",
     "<": "the error is below what the reference itself may be off",
     "change": "of the tip from the scene as given, by what is no error",
     "spread": "between the quartiles of the times",

@@ -47,7 +47,7 @@ READING = [
      "with a core of its own"),
     ("ratio", "time over that of the scene as given, both measured by turns in one process, so "
      "that a busy machine slows both: trust it more than times"),
-    ("Pareto front", "the configurations that nothing measured beats in both time and error"),
+    ("Pareto front", "what nothing measured beats in both time and, by 1 % or more, in error"),
     ("order", "error ≈ scale · size^order, fitted to the finest sizes whose errors are clear of "
      "the doubt; ± is the standard error"),
     ("frequency error", "relative, the largest of the lowest frequencies; “growing” counts those "
