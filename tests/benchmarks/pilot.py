@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from softmpc.compiler import compiler
+from softmpc.errors import InputError
 from tests.benchmarks.common import EXAMPLES, LeftOut, arguments, key
 
 KINDS = {"C, double": False, "C, float": True}  # whether numbers are single
@@ -36,6 +37,8 @@ def measured(path: Path, seconds: float, kinds: tuple[str, ...] = tuple(KINDS)) 
     _, scene, task = read_track_file(path)
     settings = read_rig_file(path)
     assert settings is not None, f"{path} has no table [rig]"
+    if seconds <= task.settle:
+        raise InputError(f"seconds = {seconds:g}: errors count after {task.settle:g} s; run longer")
     rig = rig_up(scene, task, settings)
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "c"
@@ -98,7 +101,10 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=4.0, help="of each run")
     parser.add_argument("--json", type=Path, help="where to write the numbers")
     given = parser.parse_args()
-    found = measured(Path(given.scene), given.seconds)
+    try:
+        found = measured(Path(given.scene), given.seconds)
+    except InputError as error:
+        parser.error(str(error))
     for line in _lines(found):
         print(line)
     if given.json:
