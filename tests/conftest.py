@@ -63,9 +63,11 @@ def pytest_configure(config: pytest.Config) -> None:
             os.environ.setdefault(name, "1")
 
 
+@pytest.hookimpl(tryfirst=True)  # before what is slow is left out
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     import casadi as ca
 
+    leave_first_cases(items)
     old = ca.CasadiMeta.version().startswith("3.7.")
     for item in items:
         name, file = item.name.partition("[")[0], item.path.stem
@@ -73,6 +75,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.skip(reason="needs signals or tools as on Linux"))
         if old and (file in OF_PLANS or item.name in PRINTED):
             item.add_marker(pytest.mark.skip(reason="needs CasADi 3.8"))
+
+
+def leave_first_cases(items: list[pytest.Item]) -> None:
+    """Mark all but the first case of tests that are `sampled` as slow."""
+    seen: set[tuple[str, str]] = set()
+    for item in items:
+        if item.get_closest_marker("sampled") and not item.get_closest_marker("slow"):
+            one = str(item.path), item.name.partition("[")[0]
+            if one in seen:
+                item.add_marker(pytest.mark.slow)
+            seen.add(one)
 
 
 def _hear_interrupts() -> None:

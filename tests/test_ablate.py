@@ -273,6 +273,7 @@ def test_added_effects_bring_what_they_need() -> None:
 # ---------------------------------------------------------------- proposals
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("tolerance", [2e-3, 2e-2])
 def test_proposed_scene_is_within_the_tolerance(
     tmp_path: Path, in_space: Ablation, tolerance: float

@@ -190,6 +190,7 @@ def test_a_scene_without_motion(tmp_path: Path) -> None:
     assert "has no table [simulate]" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_scene_that_stops(tmp_path: Path) -> None:
     path = tmp_path / "pull.toml"
     pull = SWING.replace("static", "hydraulic").replace("torque = 1.0", "torque = -1.0")
@@ -210,6 +211,7 @@ def test_a_scene_that_stops(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- certify
 
 
+@pytest.mark.slow
 def test_certify(scene: Path, tmp_path: Path) -> None:
     result = softmpc("simulate", scene, "--certify", "--no-animate", "--out", tmp_path)
     assert result.exit_code == 0, result.output

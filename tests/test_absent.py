@@ -69,6 +69,7 @@ def residual(names: tuple[str, ...], formulation: str, at: tuple[Array, ...]) ->
     return numbers(model(names, formulation).residual(*at))
 
 
+@pytest.mark.sampled
 @each_effect
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_leaving_out_saves_instructions(name: str, formulation: str) -> None:
@@ -85,6 +86,7 @@ def test_leaving_out_saves_instructions(name: str, formulation: str) -> None:
     assert part.layout.x.names == whole.layout.x.names
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name, functions",
     [
@@ -184,6 +186,7 @@ SHARES: dict[str, Any] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "names, nonzeros",
     [
@@ -248,6 +251,7 @@ def test_drives_without_states_have_none() -> None:
 SUBSETS = [s for size in (1, 2, 3) for s in combinations(STRAINS, size)]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("strains", SUBSETS, ids="-".join)
 def test_strains_left_out_are_zero(strains: tuple[str, ...]) -> None:
     """Fewer states and instructions; the same rows as the full model held at zero strain."""

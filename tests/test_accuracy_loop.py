@@ -69,6 +69,7 @@ def as_given() -> dict[str, Any]:
         return LOOP.error(TASK, AS_GIVEN, NO_DOUBT)
 
 
+@pytest.mark.slow
 def test_error_is_that_of_a_tracking_run(as_given: dict[str, Any]) -> None:
     run = tracked(4)
     off = np.linalg.norm(run.tips[:, -1] - run.reference, axis=1)[run.time >= 0.2]

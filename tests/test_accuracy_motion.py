@@ -75,6 +75,7 @@ def of_segments(count: int, **changes: object) -> Configuration:
 # ---------------------------------------------------------------- errors
 
 
+@pytest.mark.slow
 def test_an_error_agrees_with_another_integrator_and_other_meshes(references) -> None:
     """IDAS on 3 and 6 segments, extrapolated by Richardson, in place of Radau on 2, 3 and 4."""
     runs = []
@@ -95,6 +96,7 @@ def test_an_error_agrees_with_another_integrator_and_other_meshes(references) ->
     assert found["by_section_m"] == pytest.approx(gaps.max(axis=0), abs=found["doubt_m"])
 
 
+@pytest.mark.slow
 def test_errors_fall_with_the_square_of_the_segments(references) -> None:
     errors = [MOTION.error(TASK, of_segments(n), references)["error_m"] for n in (1, 2, 3)]
     assert math.log(errors[1] / errors[2]) / math.log(3 / 2) == pytest.approx(2.0, abs=0.2)
@@ -109,6 +111,7 @@ def test_weights_leave_neither_square_nor_fourth_power(counts) -> None:
     assert weights(counts) @ np.array([n**0, n**-2, n**-4]).T == pytest.approx([1, 0, 0], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_changes_agree_with_those_of_ablate(references) -> None:
     """`ablate` compares both at a tight tolerance, by its own code."""
     scene = scene_from_dict(dict(SHORT))
@@ -160,6 +163,7 @@ def test_ways_to_the_jacobian_differ_in_cost_alone(references) -> None:
 # ---------------------------------------------------------------- what is measured
 
 
+@pytest.mark.slow
 def test_configurations_are_the_changed_scenes() -> None:
     """Written as keys of the file, a change is the same scene; a quick study measures less."""
     document = tomllib.loads(Path("examples/accuracy.toml").read_text())
@@ -231,6 +235,7 @@ TRACK = {
 }
 
 
+@pytest.mark.slow
 def test_the_torques_of_a_tracking_task_lead_along_its_path(tmp_path, monkeypatch) -> None:
     """In open loop the same model goes where it went under control; the task is run once."""
     monkeypatch.setenv("SOFTMPC_CACHE", str(tmp_path))
@@ -251,6 +256,7 @@ def test_the_torques_of_a_tracking_task_lead_along_its_path(tmp_path, monkeypatc
 # ---------------------------------------------------------------- costs
 
 
+@pytest.mark.slow
 def test_costs_are_those_of_the_model_and_leave_no_trace() -> None:
     before = dict(os.environ)
     found = MOTION.cost(TASK, of_segments(2))

@@ -78,17 +78,20 @@ def check_order(found: Fit, theory: float) -> None:
 # ---------------------------------------------------------------- orders
 
 
+@pytest.mark.slow
 def test_gauss_mass_is_of_second_order() -> None:
     """Frequencies too, once the third is a bending again: of one segment it is torsion."""
     check_order(fit("example", "2 Gauss points", (1, 2, 4)), 2.0)
     check_order(fit("example", "2 Gauss points", (2, 4, 8), "frequency_error"), 2.0)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("series", ["lumped mass", FULL])
 def test_lumped_mass_is_of_first_order(series: str) -> None:
     check_order(fit("example", series, (1, 2, 4)), 1.0)
 
 
+@pytest.mark.slow
 def test_rates_that_are_passed_on_cost_an_order() -> None:
     """Out of plane ω = dw/dt leaves first order, and eight times the error at four segments."""
     check_order(fit("example", RATES, (1, 2, 4)), 1.0)
@@ -201,6 +204,7 @@ def test_a_scene_with_the_papers_elasticity_keeps_it() -> None:
     assert FAMILY.missing(task_of("example")) == ""
 
 
+@pytest.mark.slow
 def test_a_scene_beyond_the_rod_is_measured_against_a_fine_model(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -264,6 +268,7 @@ def test_jacobians_of_printed_rates() -> None:
     assert np.allclose(M @ ddq, np.asarray(moved).ravel(), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_costs_stand_beside_the_scene_as_given() -> None:
     task = task_of("example")
     found = FAMILY.cost(task, configuration("example", "2 Gauss points", 2))

@@ -148,6 +148,7 @@ LOADED: tuple[Effect, ...] = (
 )
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "more, law",
     [

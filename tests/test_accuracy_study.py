@@ -166,6 +166,7 @@ def test_a_family_without_its_reference_is_left_out(log: Path) -> None:
 # ---------------------------------------------------------------- the same everywhere
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_same_results_in_processes(log: Path) -> None:
     alone = run(log)
@@ -192,6 +193,7 @@ def test_same_results_on_dask(log: Path, tmp_path: Path) -> None:
 # ---------------------------------------------------------------- times alone
 
 
+@pytest.mark.slow
 def test_times_are_measured_alone(log: Path) -> None:
     """One after the other, after all else, in fresh processes that stay on one core."""
     run(log, 2, {"seconds": 0.02}, families=["pretended"], axes=["second"])
@@ -210,6 +212,7 @@ def test_times_are_measured_alone(log: Path) -> None:
     assert len(os.sched_getaffinity(0)) == others[0].cores
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("killed", [None, "second 2"])
 def test_quick_times_share_a_process(log: Path, killed: str | None) -> None:
     """Until it is killed: then each of the others has its own."""

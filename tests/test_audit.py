@@ -99,6 +99,7 @@ SCENES: dict[str, Any] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("scene", SCENES)
 def test_balance_closes(scene: str) -> None:
     model = SCENES[scene]()
@@ -121,6 +122,7 @@ def test_balance_closes_over_hydraulics() -> None:
     assert found.summary()["work_j"]["drive"] == found.works["drive"][-1]
 
 
+@pytest.mark.slow
 def test_balance_closes_on_figure_6() -> None:
     """Default sampling; within the integrator's tolerance, and to 1e-6 with a tighter one."""
     path = EXAMPLES / "step_fig6.toml"
@@ -145,6 +147,7 @@ BEYOND: dict[str, tuple[Effect, ...]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("effects", BEYOND)
 def test_balance_closes_with_effects_beyond_the_paper(effects: str) -> None:
     model = model_of(effects=(*EFFECTS, *BEYOND[effects]))
@@ -190,6 +193,7 @@ def test_a_wrong_state_opens_the_balance(field: str, size: float) -> None:
     assert abs(found.error[20] - found.error[19]) > 1e-5 * found.turnover
 
 
+@pytest.mark.slow
 def test_a_missing_power_opens_the_balance() -> None:
     model, motion = moved()
     deaf = copy.copy(model)
@@ -209,6 +213,7 @@ def test_wrong_inputs_open_the_balance() -> None:
     assert audit(model, motion, InputProfile.of(6, [Step(1, 0.0237, 1.0)])).closure > 1e-3
 
 
+@pytest.mark.slow
 def test_terms_without_an_energy_are_named() -> None:
     model = model_of(formulation=VirtualPower(elasticity=StrainElasticity()))
     found = audit(model, run(model, 0.1))

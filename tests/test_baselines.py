@@ -37,6 +37,7 @@ def test_the_controller_is_the_best_and_converged(rows) -> None:
     assert all(row["failures"] == 0 and np.isfinite(row["variation"]) for row in rows.values())
 
 
+@pytest.mark.slow
 def test_the_regulator_is_no_slower_than_its_reference(setup: Setup) -> None:
     """On a ramp of the rest path its linear loop ends less than 5 ms behind: no lead helps."""
     rest, ocp, node = setup.preflight.rest, setup.ocp, 0
@@ -72,6 +73,7 @@ CHEAPER = {  # changes of the scene, states, and how many times the full control
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", CHEAPER)
 def test_cheaper_controllers(rows, name: str) -> None:
     """What a model leaves out costs error, but no failure; only statics are as bad as none."""

@@ -77,6 +77,7 @@ def test_times_and_numbers_as_text(maker: ModuleType) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_page_of_a_run_without_peers(maker: ModuleType) -> None:
     run = new_run("quick")
     empty = maker.page(run)

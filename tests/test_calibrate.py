@@ -372,6 +372,7 @@ def test_a_bound_is_said() -> None:
     assert "too large" in found.verdict
 
 
+@pytest.mark.slow
 def test_poses_without_noise_give_the_truth_back() -> None:
     arm = ArmAt(SCENE)
     poses = []

@@ -18,6 +18,7 @@ from softmpc.study.calibration_files import load_calibration
 FOLDER = Path(__file__).parents[1] / "examples" / "calibration"
 
 
+@pytest.mark.slow
 def test_borrowed_functions_change_the_way_not_the_end() -> None:
     """An arm beside another one rests and moves as it does alone."""
     problem = motion_problem()
@@ -52,6 +53,7 @@ def test_derivatives_are_those_of_wider_differences() -> None:
         )
 
 
+@pytest.mark.slow
 def test_motion_without_noise_gives_the_truth_back() -> None:
     found = calibrate(motion_problem())
     assert found.converged
@@ -70,6 +72,7 @@ def test_problems_travel_to_workers(name: str) -> None:
     np.testing.assert_array_equal(away.predictions.at(x), problem.predictions.at(x))
 
 
+@pytest.mark.slow
 def test_coverage_of_a_few_seeds() -> None:
     """Few seeds, so wide limits: 10 of 12 at least. The test below is the real one."""
     shares = coverage("static poses", 12, workers=1)
@@ -84,6 +87,7 @@ def test_coverage(name: str) -> None:
     assert all(0.91 <= share <= 0.98 for row in shares.values() for share in row.values()), shares
 
 
+@pytest.mark.slow
 def test_preset_is_what_the_calibration_gives() -> None:
     """`chen2022-v2`, refitted from the published summary values, within what it was rounded to."""
     scene = load_scene(FOLDER / "paper_arm.toml")

@@ -103,6 +103,7 @@ def test_every_effect_left_out_is_asked_or_has_a_reason(whole: Certificate) -> N
     assert worst == sorted(worst, key=lambda value: -(value or 0.0))
 
 
+@pytest.mark.slow
 def test_a_window_starts_from_the_motion(model: Model, motion: Simulation) -> None:
     """The same scene from the motion's own state: only the integration is left."""
     found = certify(model, motion, SETTINGS, window=0.15)
@@ -272,6 +273,7 @@ def test_inertia_is_asked_with_what_it_needs() -> None:
 # ---------------------------------------------------------------- rests, stops, patience
 
 
+@pytest.mark.slow
 def test_end_posture_near_an_obstacle_is_on_the_side_where_the_motion_ended() -> None:
     """Statics from the straight arm lands beyond the post; the finer model's own motion does not.
 
@@ -300,6 +302,7 @@ def test_no_end_posture_where_the_motion_did_not_come_to_rest(
         end_rest(model, replace(motion, status="stopped: why"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("up", [True, False])
 def test_an_arm_that_stays_at_an_unstable_rest_is_not_certified(up: bool) -> None:
     """A soft arm on end: all models agree that nothing moves, which means nothing."""
@@ -334,6 +337,7 @@ def test_a_window_at_the_end_beside_the_fastest() -> None:
     assert (second.first, second.last) == (90, 100)
 
 
+@pytest.mark.slow
 def test_what_takes_too_long_is_given_up(
     model: Model, motion: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,6 +24,7 @@ def inverse(model: Model) -> InverseStatics:
     return InverseStatics(model)
 
 
+@pytest.mark.slow
 def test_the_ball_is_in_reach(inverse: InverseStatics) -> None:
     place, rng = np.array([0.1, 0.02, 0.6]), np.random.default_rng(1)
     found = find_clearance(inverse, place[None])
@@ -46,6 +47,7 @@ def test_the_end_of_the_ray_is_in_reach_and_the_next_place_is_not(inverse: Inver
     assert beyond.distance == pytest.approx(2e-3, rel=0.02)  # at a right angle
 
 
+@pytest.mark.slow
 def test_the_worst_place_counts(inverse: InverseStatics) -> None:
     places = np.array([[0, 0, 0.6], [0.02, 0, 0.56], [0, 0, 0.8]])
     steps: list[tuple[int, int]] = []

@@ -344,6 +344,7 @@ def test_simulate_audit(scene: Scene, tmp_path: Path) -> None:
     assert "no energy balance" in softmpc("simulate", lawless, "--audit").stdout
 
 
+@pytest.mark.slow
 def test_simulate_audit_of_an_arm_that_jumps(scene: Scene, tmp_path: Path) -> None:
     bare = "[effects]\ninertia = false\nenvironment_damping = false\nmaterial_damping = false\n"
     out = tmp_path / "out"
@@ -365,6 +366,7 @@ def test_simulate_shorter_and_still(scene: Scene, tmp_path: Path) -> None:
     assert Simulation.load(out / "simulation.npz").duration_s == pytest.approx(0.1)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("ending", "status"), [("interrupted", 130), ("stopped: IDAS gave up, after t = 0.1 s", 3)]
 )

@@ -97,6 +97,7 @@ def chosen(scene: Path) -> tuple[dict[str, Any], Path]:
     return json.loads(result.stdout), out
 
 
+@pytest.mark.slow
 def test_the_answer_is_within_tolerance_and_rate(chosen: tuple[dict[str, Any], Path]) -> None:
     data, out = chosen
     assert json.loads((out / "choose.json").read_text(encoding="utf-8")) == data
@@ -112,6 +113,7 @@ def test_the_answer_is_within_tolerance_and_rate(chosen: tuple[dict[str, Any], P
     assert found["cost"]["ratio"] <= 1.05 * min(c["cost"]["ratio"] for c in cheaper)
 
 
+@pytest.mark.slow
 def test_the_chosen_file_gives_the_evidence_again(
     scene: Path, chosen: tuple[dict[str, Any], Path]
 ) -> None:
@@ -126,6 +128,7 @@ def test_the_chosen_file_gives_the_evidence_again(
     assert gaps.max() == pytest.approx(data["chosen"]["error"]["error_m"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_same_command_measures_nothing_again(
     scene: Path, chosen: tuple[dict[str, Any], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,6 +148,7 @@ def test_the_same_command_measures_nothing_again(
     assert [row.startswith(chosen[0]["chosen"]["name"] + "  ") for row in rows] == [True]
 
 
+@pytest.mark.slow
 def test_refused_with_reasons(scene: Path, chosen: tuple[dict[str, Any], Path]) -> None:
     """Times and errors that were kept serve another tolerance and rate."""
     out = chosen[1]

@@ -153,6 +153,7 @@ LOADS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("load, tip", LOADS.values(), ids=LOADS.keys())
 def test_elastica(load: Effect, tip: PlanarTip) -> None:
     """Dead force P L²/EI or weight w L³/EI across the rod, in the plane, inextensible."""
@@ -204,6 +205,7 @@ def test_rotary_inertia_lowers_bending_frequencies_a_little() -> None:
 # ----------------------------------------------------------------------------------------- buckling
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("own_weight", [True, False])
 def test_buckling_loads(own_weight: bool) -> None:
     """w L³/EI = 7.837 and P L²/EI = π²/4: where the straight arm's tangent turns singular."""

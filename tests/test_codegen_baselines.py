@@ -75,6 +75,7 @@ def pair(kind: str) -> tuple[InC, Baseline]:
     return in_c, in_c.python
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_loop_in_c_is_the_loop_in_python(kind: str) -> None:
     in_c, python = pair(kind)
@@ -203,6 +204,7 @@ def test_feedback_takes_out_what_feed_forward_leaves() -> None:
 # ---------------------------------------------------------------- directories
 
 
+@pytest.mark.sampled
 @on_make
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_program_says_what_the_python_loop_says(kind: str) -> None:

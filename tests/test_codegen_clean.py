@@ -70,6 +70,7 @@ def by_compiler(slow: tuple[str, ...] = ()) -> list:
 # ---------------------------------------------------------------- what the compilers say
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "cc, precision",
     [
@@ -124,6 +125,7 @@ def require_kept(answers: np.ndarray) -> None:
     assert answers[:, :3].min() >= 0 and answers[:, :3].max() <= small.HIGHEST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cc", by_compiler(slow=("clang",)))
 def test_sanitizers_find_nothing_in_a_closed_loop(
     cc: str, recorded: tuple[np.ndarray, np.ndarray], checked: Callable
@@ -150,6 +152,7 @@ def test_valgrind_finds_nothing_in_a_closed_loop(
     require_kept(replayed(check, spoilt(given)[:COUNT]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cc", by_compiler(slow=("clang",)))
 def test_any_input_has_an_answer(cc: str, checked: Callable) -> None:
     """Ten thousand steps with random inputs under sanitizers; `fuzz.c` says what is checked."""

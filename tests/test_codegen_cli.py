@@ -52,6 +52,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 def test_the_same_run_in_c(scene: Path, tmp_path: Path) -> None:
     """Same loop, same report; and its log replays to the bit."""
@@ -127,6 +128,7 @@ def test_no_compiler(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "no C compiler (CC is set, but /nonexistent/cc is not found)" in ended.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("c++"), reason="no C++ compiler")
 def test_headers_are_good_guests(scene: Path, tmp_path: Path) -> None:
     """In C++ and in float: they redefine nothing for those who include them."""
@@ -144,6 +146,7 @@ def test_headers_are_good_guests(scene: Path, tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
 
 
+@pytest.mark.slow
 def test_files_of_the_user_are_never_replaced(scene: Path, tmp_path: Path) -> None:
     """Neither beside the controller nor in a folder below it; what building makes is."""
     out = tmp_path / "controller"
@@ -167,6 +170,7 @@ def test_what_fails_leaves_no_folder(scene: Path, tmp_path: Path) -> None:
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_the_hash_knows_what_was_asked_for(scene: Path, tmp_path: Path) -> None:
     """Two controllers that act otherwise are two builds."""
     hashes = {

@@ -150,6 +150,7 @@ SHORT = ("plain", "blocks", "grid", "quasi-static", "hard and soft boxes", "dist
 EACH = [pytest.param(name, marks=() if name in SHORT else pytest.mark.slow) for name in CASES]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", EACH)
 def test_same_steps_as_python(name: str, tmp_path: Path) -> None:
     case = CASES[name]
@@ -197,6 +198,7 @@ def in_virtual_machine(setup: Setup) -> Mpc:
 FLOAT = 2e-3  # N·m, that torques in float may differ from those in double
 
 
+@pytest.mark.slow
 def test_float_follows_double(tmp_path: Path) -> None:
     """Seven digits, in the loop of the one in double."""
     mpc, start = CASES["plain"].mpc()
@@ -208,6 +210,7 @@ def test_float_follows_double(tmp_path: Path) -> None:
     assert max(float(np.abs(theirs.u - own.u).max()) for theirs, own in steps) <= FLOAT
 
 
+@pytest.mark.slow
 def test_float_is_refused_where_no_digit_is_left(tmp_path: Path) -> None:
     """Seven inputs for three coordinates, and they cost next to nothing: all but singular."""
     costs = (TipPosition(1e-5), Torque(300.0), StrainRate(30.0))

@@ -325,6 +325,7 @@ def test_missing_tools(directory: Path, steps: Steps, monkeypatch: pytest.Monkey
 # ---------------------------------------------------------------- style
 
 
+@pytest.mark.sampled
 @needs(HOST, ARM_LINUX)
 @pytest.mark.parametrize(
     "compiler, precision",

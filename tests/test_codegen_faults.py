@@ -235,6 +235,7 @@ CASES = [pytest.param(name, "double", id=name) for name in FAULTS] + [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name, precision", CASES)
 def test_both_say_and_do_the_same(
     name: str, precision: str, monkeypatch: pytest.MonkeyPatch

@@ -137,6 +137,7 @@ def assert_all_finite(c: CMonitor) -> None:
 # ---------------------------------------------------------------- the C, as compilers see it
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("cc", [pytest.param(cc, marks=needs(cc)) for cc in COMPILERS])
 def test_no_warnings(cc: str, precision: str, tmp_path: Path) -> None:

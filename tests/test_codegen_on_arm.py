@@ -100,6 +100,7 @@ def answers() -> Callable[[str, str], Answers]:
     return answer
 
 
+@pytest.mark.sampled
 @needs(HOST)
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_host_answers_as_python(answers: Callable, precision: str) -> None:
@@ -111,6 +112,7 @@ def test_host_answers_as_python(answers: Callable, precision: str) -> None:
     assert np.abs(found.u - u).max() <= NEAR[precision]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "target, precision",
     [
@@ -126,6 +128,7 @@ def test_same_bits(answers: Callable, target: str, precision: str) -> None:
         np.testing.assert_array_equal(getattr(there, name), getattr(host, name))
 
 
+@pytest.mark.slow
 @needs(HOST, CORTEX_M7)
 def test_footprint_of_a_small_one(answers: Callable) -> None:
     found = footprint(small()[0], precisions=["float"])

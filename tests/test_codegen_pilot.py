@@ -129,6 +129,7 @@ def check_inputs(rig: Rig, u: np.ndarray, start: np.ndarray) -> None:
 # ---------------------------------------------------------------- in the loop
 
 
+@pytest.mark.slow
 def test_the_same_loop_with_every_fault(rig: Rig, pilot: CompiledPilot) -> None:
     """Eight faults one after the other, a safe stop among what follows."""
     python = flown(rig, FAULTS, 4.4)

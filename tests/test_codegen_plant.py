@@ -75,6 +75,7 @@ def at_rest(model: Model) -> tuple[Array, Array]:
 # ---------------------------------------------------------------- the plant
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", SCENES)
 def test_the_plant_moves_as_idas_says(name: str) -> None:
     """Another method, at a tight tolerance, under inputs that jump each step."""
@@ -247,6 +248,7 @@ def test_another_plant_than_the_model_and_float() -> None:
     np.testing.assert_allclose(numbers_of(run(folder / "run")[1]), wanted, rtol=1e-4)
 
 
+@pytest.mark.slow
 @on_cmake
 def test_cmake_builds_library_and_program(tmp_path: Path) -> None:
     built, folder = tmp_path / "built", controller()

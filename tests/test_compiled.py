@@ -265,6 +265,7 @@ def race(go: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_processes_that_build_at_once(tmp_path: Path) -> None:
     """They start together; each gets a whole library, and nothing else is left behind."""
     go = tmp_path / "go"

@@ -52,6 +52,7 @@ def at_rest(
 # ---------------------------------------------------------------- force and load
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("load", [1.0, 40.0])
 def test_a_plane_across_the_arm_carries_what_the_rod_does_not(load: float) -> None:
     """Pulled down onto a floor: the load is E A ε and the push of the floor together."""
@@ -159,6 +160,7 @@ def free() -> Equilibrium:
     return find_equilibrium(model_of(segments=2, effects=(Gravity(),)), np.array(BENT))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7])
 @pytest.mark.parametrize("x", [-0.1, -0.3])
 def test_a_wall_stops_the_bending_arm(x: float, stiffness: float) -> None:

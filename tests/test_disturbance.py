@@ -65,6 +65,7 @@ def test_names_and_shapes(model: Model, disturbance: Disturbance) -> None:
         Disturbance.of(model.scene, ("curl",))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["ipopt", "fatrop"])
 def test_solvers_agree(
     name: str, transcription: Transcription, model: Model, start: Start, d: np.ndarray
@@ -114,6 +115,7 @@ def test_slopes_against_differences(
         assert np.abs((above - below) / 2e-5 - slope[:, i]).max() < 1e-6
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("segments", [1, 2])
 def test_a_step_against_idas(segments: int) -> None:
     """Without a disturbance, from a state in motion: third order in the step."""

@@ -29,6 +29,7 @@ def blocks_of(page: Path, *kinds: str) -> list[Block]:
     return [block for block in blocks(page.read_text(encoding="utf-8")) if block.kind in kinds]
 
 
+@pytest.mark.sampled
 @any_page
 def test_python_blocks(page: Path) -> None:
     with workplace():
@@ -110,6 +111,7 @@ def test_scene_reference_is_current() -> None:
     assert page == reference_page(), "run python docs/make_scene_reference.py"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("script", "page"),
     [

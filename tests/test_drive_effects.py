@@ -166,6 +166,7 @@ MOTIONS: list[tuple[tuple[type[DriveEffect], ...], float, float]] = [
 ]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "kinds, friction, torque", MOTIONS, ids=["+".join(k.name for k in m[0]) for m in MOTIONS]
 )
@@ -229,6 +230,7 @@ def test_what_holds_close_to_rest_is_in_the_matrices(kind: type[DriveEffect]) ->
     assert_allclose(numbers(m.drive_rate(0, torque, 0, 0)), m.drive.B @ np.full(6, torque))
 
 
+@pytest.mark.sampled
 @each
 def test_absent_means_absent(kind: type[DriveEffect]) -> None:
     """No state, no instruction and no nonzero for what is not there; the arm is not touched."""

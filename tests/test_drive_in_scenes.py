@@ -108,6 +108,7 @@ def test_simulation_with_everything_is_that_of_scipy() -> None:
     assert_allclose(done.tips[:, -1], tips, atol=1e-4)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("friction", [50.0, 500.0])
 def test_sharp_friction_lets_go_and_turns(friction: float) -> None:
     """A piston that sticks within 1 µm/s, is torn loose by a step and reversed by another.
@@ -129,6 +130,7 @@ def test_sharp_friction_lets_go_and_turns(friction: float) -> None:
     assert np.linalg.norm(tips[0] - tips[2]) < 2e-3
 
 
+@pytest.mark.slow
 def test_turbulence_damps_what_inertance_lets_swing() -> None:
     """A step with inertance alone overshoots by about 70 %, with turbulence by far less."""
     profile = steps([0, 0.05, 0.05], [0, 0, 1.0])
@@ -178,6 +180,7 @@ def test_an_arm_that_follows_at_once_needs_a_linear_drive() -> None:
 # ---------------------------------------------------------------------------- control, statics
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", DRIVE_EFFECTS, ids=lambda kind: kind.name)
 def test_control_wants_a_linear_drive(kind: Any) -> None:
     """Inertance and rotor stay linear, so that MPC keeps working."""
@@ -197,6 +200,7 @@ def test_control_without_friction() -> None:
         Transcription(tracking_problem(model(TurbulentLoss(), friction=10.0)))
 
 
+@pytest.mark.slow
 def test_mpc_holds_a_tip_with_water_and_rotors_that_swing() -> None:
     """Its model knows them: 10 mm aside in 25 steps, closer than 0.1 mm, whatever swings."""
     m = model(TubeInertance(), RotorInertia())

@@ -164,6 +164,7 @@ def bending_frequency(*effects: Effect) -> float:
     return (4 * found[1] - found[0]) / 3  # second order in the segments
 
 
+@pytest.mark.slow
 def test_frequencies_of_a_cantilever() -> None:
     """Heavier by the added mass along it, or by an end mass."""
     section = PAPER.sections[0]
@@ -240,6 +241,7 @@ def test_drag_is_linear_at_rest_and_absent_without_coefficients() -> None:
 # ---------------------------------------------------------------- energy and derivatives
 
 
+@pytest.mark.sampled
 @each_set
 @pytest.mark.parametrize("segments", [1, 2])
 def test_energy_balance(name: str, segments: int) -> None:
@@ -269,6 +271,7 @@ SCENES = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", SCENES)
 def test_derivatives(name: str) -> None:
     """residual_jacobian and stiffness by finite differences; M, C, N, τ make the residual."""
@@ -318,6 +321,7 @@ def test_order_and_massless_strains() -> None:
 # ---------------------------------------------------------------- absent is absent
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", BEYOND)
 def test_leaving_one_out_saves_instructions(name: str) -> None:
     """And adds no structural nonzero; what is left is worth the same as without the others."""
@@ -340,6 +344,7 @@ def test_leaving_one_out_saves_instructions(name: str) -> None:
         assert largest(among, by_itself, ROWS) < 1e-10
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("strains", [("epsilon", "kappa_y"), ("kappa_x", "kappa_y")])
 def test_strains_left_out_are_zero(strains: tuple[str, ...]) -> None:
     """The rows of the full model held at zero strain; without ε no water flows in."""

@@ -142,6 +142,7 @@ def test_no_disturbance_no_condition(model: Model) -> None:
 # ---------------------------------------------------------------- in numbers
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("strains", "sensors"),
     [

@@ -299,6 +299,7 @@ def test_each_quoted_message_has_one_proof() -> None:
     assert {found for (found,) in proofs.values()} == set(keys)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("key", PROVOKED)
 def test_message_is_provoked(key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -62,6 +62,7 @@ def balance(arm: LiteralArm, q: Array, dq: Array, ddq: Array, p: Array) -> Array
     return np.array(rows)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("manipulator", "segments"), [(PAPER, 1), (PAPER, 3), (MIXED, 2)])
 def test_against_sums_in_the_base_frame(manipulator: Manipulator, segments: int) -> None:
     model = model_of(

@@ -81,6 +81,7 @@ def agrees_with_idas(
 # --- geometry ------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kinematics", [None, PaperArc()])
 def test_almost_straight(kinematics: Any) -> None:
     """0/0 in every formula with angles; a threshold or a clamp would show as a jump.
@@ -128,6 +129,7 @@ def apart_from(tips: np.ndarray, others: np.ndarray) -> float:
     return float(np.linalg.norm(tips - others, axis=1).max())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("sections", "segments"),
     [(1, 1), (1, 16), (2, 4), (3, 2), (4, 1), pytest.param(4, 8, marks=pytest.mark.slow),
@@ -159,12 +161,14 @@ def steps_of(model: Model, torques: np.ndarray) -> int:
 # --- stiffness -----------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("mass", [1e-3, 1e-2])
 def test_light_arm(mass: float) -> None:
     """A section of 1 g: modes near 1 kHz with a drag that overdamps them."""
     agrees_with_idas(build(Scene(arm(mass=mass))), BEND, 1.0, 1e-4)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("factor", [1.0, 100.0])
 def test_stiff_water(factor: float) -> None:
     """Poles of the drive at -1e4 and, with water 100 times stiffer, -1e6 1/s beside 10 1/s.
@@ -182,6 +186,7 @@ def test_stiff_water(factor: float) -> None:
     np.testing.assert_allclose(motion.z[k], exact, rtol=1e-9, atol=1e-3)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("factor", [1.0, 100.0])
 def test_steps_of_20_ms_do_not_ring(factor: float) -> None:
     """The drive inside the implicit step (the arm acts back on it), poles at -1e5 and -1e7 1/s.
@@ -204,6 +209,7 @@ def test_steps_of_20_ms_do_not_ring(factor: float) -> None:
     assert np.all(rises[:5] > 0) and np.all(np.abs(rises[10:]) < 0.01 * rises[0])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("force", "velocity"), [(30.0, 1e-3), (100.0, 1e-3), (100.0, 1e-4)])
 def test_friction_reverses_and_sticks(force: float, velocity: float) -> None:
     """tanh(ẋ/v) is nearly a jump: at rest it adds f/(v m_b), up to 1e6 1/s, in sliding nothing."""
@@ -231,6 +237,7 @@ def test_torque_to_the_limit_and_back() -> None:
     assert apart_from(motion.final_tips, motion.tips[0]) < 1e-4
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("force", [(0, 0, 10.0), (10.0, 0, 0), (0, -10.0, 0), (0, 0, -10.0)])
 def test_heavy_tip_load(force: Any) -> None:
     """10 N on an arm that weighs 11 N, let go at once; up to a metre of motion."""
@@ -250,6 +257,7 @@ def upright(mass: float) -> Model:
     return build(scene.with_(manipulator=arm(mass=mass), segments=2))
 
 
+@pytest.mark.slow
 def test_upright_near_and_past_buckling() -> None:
     """The straight arm is a rest on both sides of the buckling load, but past it no stable one.
 
@@ -280,6 +288,7 @@ def test_upright_near_and_past_buckling() -> None:
     np.testing.assert_allclose(ends[0] * [-1, 1, 1], ends[1], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_unstable_start_is_reported() -> None:
     motion = simulate(upright(2.0), NOTHING, 0.1)
     assert motion.warnings[0].kind == "unstable_start"
@@ -314,6 +323,7 @@ def test_gravity_switched_on_the_way() -> None:
 # --- time ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_ten_minutes_without_drift() -> None:
     """60,000 samples of a periodic motion: errors that add up would show against its period."""
     period, cycles = 4.0, 150
@@ -339,12 +349,14 @@ def edges(kind: type) -> list[tuple[str, float]]:
     return found
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "value"), edges(Section))
 def test_section_at_the_edge(name: str, value: float) -> None:
     """Whatever a parameter may be, a run ends with a motion, a status or a clear error."""
     check_edge(lambda: Scene(arm(**{name: value}), actuation=PressureDrive()), 1e5)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("name", "value"), edges(Hydraulics))
 def test_hydraulics_at_the_edge(name: str, value: float) -> None:
     def scene() -> Scene:
@@ -378,6 +390,7 @@ def test_below_vapour_pressure_is_a_status() -> None:
     assert len(motion.tips) == len(motion.time) > 10
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("formulation", [VirtualPower(mass=GaussMass(3)), NewtonEuler()])
 def test_no_special_case_for_other_formulations(formulation: Any) -> None:
     """The printed Newton-Euler has a nonsymmetric M; the methods do not ask."""

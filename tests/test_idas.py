@@ -82,6 +82,7 @@ def by_scipy(model: Model, x: np.ndarray, u0: Any, u1: Any, duration: float) -> 
     return np.asarray(solved.y[:, -1] * scale)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("drive", [HydraulicDrive(), StaticDrive()], ids=lambda d: d.name)
 def test_against_another_solver(drive: Any) -> None:
     model = MODEL if drive == HydraulicDrive() else model_of(actuation=drive)
@@ -93,6 +94,7 @@ def test_against_another_solver(drive: Any) -> None:
         np.testing.assert_allclose(found / scale, exact / scale, atol=2e-7)
 
 
+@pytest.mark.slow
 def test_printed_formulation_runs() -> None:
     model = model_of(formulation=NewtonEuler())
     x = start_state(model, REST, "straight")

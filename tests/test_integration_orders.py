@@ -99,6 +99,7 @@ def errors(name: str, make: Callable[[Model, float], Any], steps: list[float]) -
     return np.array([np.linalg.norm(arm(model, end) - exact(name)) for end in ends])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("case", "method", "stages", "order", "parts"),
     [

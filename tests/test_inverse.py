@@ -72,6 +72,7 @@ CASES = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("case", CASES)
 def test_every_tip_of_random_pressures_is_held(case: str) -> None:
     slots, count = CASES[case]
@@ -182,6 +183,7 @@ def test_on_a_curve_the_nearest_point() -> None:
     assert found.pressures == pytest.approx([4e5], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_nearest_may_be_far_from_its_neighbours() -> None:
     """In the hollow within reach: most starts end 4 mm further away, in another corner."""
     model = model_of(segments=2, **LOADED)
@@ -253,6 +255,7 @@ def test_errors_of_angles(turn: float) -> None:
     assert Direction(tuple(5 * x)).error(rest.tips, rest.rotations) == pytest.approx(np.pi / 2)
 
 
+@pytest.mark.slow
 def test_where_place_and_direction_compete() -> None:
     """`angle_length` is the price of a radian: the dearer it is, the smaller the angle."""
     wanted = [Position((0.0, 0.0, 0.95)), Direction((1.0, 0.0, 0.3))]
@@ -311,6 +314,7 @@ def test_comparing_starts_costs_time_and_never_more() -> None:
     assert many.cost <= one.cost * (1 + 1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("path", [False, True])
 def test_batches_are_the_same_everywhere(path: bool, tmp_path) -> None:
     targets = [*circle(9), Position((0, 0, 1.0))]

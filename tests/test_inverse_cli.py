@@ -125,6 +125,7 @@ def test_a_rotation_vector(scene: Path) -> None:
     assert np.array(found["rotation"]) == pytest.approx(wanted, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_held_units_and_costs(scene: Path) -> None:
     found = [
         answer(scene, "--tip", "0.05,0,0.6", "--hold", "2=0.3", "--cost", cost) for cost in COSTS
@@ -137,6 +138,7 @@ def test_held_units_and_costs(scene: Path) -> None:
     assert named["pressures_mpa"] == found[0]["pressures_mpa"]
 
 
+@pytest.mark.slow
 def test_friction_has_a_band(tmp_path: Path) -> None:
     path = tmp_path / "rubbing.toml"
     path.write_text(RUBBING, encoding="utf-8")
@@ -173,6 +175,7 @@ def test_many_targets(scene: Path, targets: Path, tmp_path: Path) -> None:
     }, "what was kept for the next time is gone"  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_path_with_a_place_out_of_reach(scene: Path, tmp_path: Path) -> None:
     path = tmp_path / "path.csv"
     path.write_text("0.1,0,0.55\n0.1,0.01,0.55\n0,0,0.95\n", encoding="utf-8")

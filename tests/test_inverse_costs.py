@@ -91,6 +91,7 @@ COSTS: dict[str, tuple[RestCost, Callable[[np.ndarray], float]]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", COSTS)
 @pytest.mark.parametrize("place", PLACES)
 def test_scipy_finds_nothing_cheaper(name: str, place) -> None:
@@ -110,6 +111,7 @@ def test_scipy_finds_nothing_cheaper(name: str, place) -> None:
         assert found.cost == pytest.approx(best, rel=1e-6)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("place", PLACES)
 def test_greatest_margin(place) -> None:
     """SLSQP with the smallest margin as a variable of its own."""

@@ -32,6 +32,7 @@ def test_without_these_limits_it_is_in_reach() -> None:
     assert inverse.solve(Position(FAR)).solved and inverse.solve(Position(SIDE)).solved
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("limit", "place", "name"),
     [
@@ -142,6 +143,7 @@ def test_stable_postures_come_first() -> None:
     assert seen > 5
 
 
+@pytest.mark.slow
 def test_a_stable_posture_is_nearer_than_none() -> None:
     """IPOPT's nearest equilibria here are where no arm would stay."""
     model = model_of(arm(SOFT), effects=UPRIGHT)
@@ -153,6 +155,7 @@ def test_a_stable_posture_is_nearer_than_none() -> None:
     assert found.distance <= min(np.linalg.norm(tip - place) for tip in stable) + 1e-12
 
 
+@pytest.mark.slow
 def test_what_is_flagged_is_so() -> None:
     """Two sections, upright: status and flags agree with forward statics."""
     model = model_of(arm(SOFT, PAPER.sections[1]), effects=UPRIGHT)

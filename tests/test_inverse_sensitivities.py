@@ -67,6 +67,7 @@ class Turned:
         return [Position(tuple(place)), turned]
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("cost", [None, LeastStrainEnergy(), ClosestPosture((0.0,) * 8)])
 def test_pressures_follow_the_place(cost) -> None:
     inverse = InverseStatics(model_of(), cost)
@@ -158,6 +159,7 @@ ARMS = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ARMS)
 def test_compliance_is_how_forces_move_the_tip(name: str) -> None:
     """Central differences of forward statics under forces at the tip, pressures fixed."""

@@ -79,6 +79,7 @@ def test_without_a_compiler_it_works_on(monkeypatch: pytest.MonkeyPatch) -> None
     assert not f.compiled
 
 
+@pytest.mark.sampled
 @needs_compiler
 @pytest.mark.parametrize("step", [None, 0.01])
 def test_compiled_steps_are_the_same_steps(
@@ -97,6 +98,7 @@ def test_compiled_steps_are_the_same_steps(
     np.testing.assert_allclose(ends[0] / scale, ends[1] / scale, atol=1e-10)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_compiled_steps_see_a_motion_that_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     """NaN must reach the checks: flags like -ffast-math would hide it."""

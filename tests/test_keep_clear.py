@@ -148,6 +148,7 @@ def test_gaps_between_places_are_small(places: int, deep: float) -> None:
 # ---------------------------------------------------------------- in a problem
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("segments, soft", [(1, 1e-3), (2, None)])
 def test_derivatives_in_a_program(segments: int, soft: float | None) -> None:
     m = model(segments)
@@ -199,6 +200,7 @@ def test_solvers_agree_beside_a_ball() -> None:
     assert clearance.min() > 0.5e-3
 
 
+@pytest.mark.slow
 def test_a_loop_keeps_the_arm_clear_of_a_ball() -> None:
     """A circle leads 27 mm through a ball; followed until behind it, with the limit and without."""
     m = model()

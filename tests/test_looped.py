@@ -80,6 +80,7 @@ def both_ways(patch: pytest.MonkeyPatch, scene: dict[str, Any], names: tuple[str
     return zip(*both, strict=True)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", SCENES)
 def test_loops_do_what_the_graph_does(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     states = States(model_of(**SCENES[name]))
@@ -119,6 +120,7 @@ def test_short_arms_are_written_out() -> None:
     assert many.residual_jacobian.class_name() == "MXFunction"
 
 
+@pytest.mark.slow
 def test_code_grows_with_the_segments_only() -> None:
     """Each small function counts once, and the paper's two sections need two of each."""
     sizes = [instructions(model_of(segments=n).residual_jacobian) for n in (4, 8, 16)]
@@ -136,6 +138,7 @@ def test_work_grows_below_the_square_of_the_segments() -> None:
     assert 2 * few < many < 3 * few
 
 
+@pytest.mark.slow
 def test_absent_effects_cost_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jacobians, "MOST_WRITTEN_OUT", 0)
     full = model_of()
@@ -213,6 +216,7 @@ def test_simulation_and_idas_of_a_long_arm() -> None:
     np.testing.assert_allclose(tips[0], tips[1], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_statics_of_32_segments() -> None:
     """Against an arm of half the segments: constant strain converges at second order."""
     tips = []

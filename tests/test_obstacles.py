@@ -86,6 +86,7 @@ def surface(shape: Obstacle) -> tuple[Array, Any]:
     return points + middle, within
 
 
+@pytest.mark.sampled
 @each_shape
 def test_depth_is_that_of_the_nearest_point_of_the_surface(shape: Obstacle) -> None:
     points, within = surface(shape)
@@ -195,6 +196,7 @@ def test_an_endless_cylinder_costs_what_its_formula_does() -> None:
             assert_allclose(num(a), num(b), atol=1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "shape", [BRICK, TURNED, CAN, HOLLOW], ids=["box", "turned", "can", "hollow"]
 )

@@ -155,8 +155,9 @@ def test_elsewhere_they_are_skipped(
 
     def item(file: str, name: str) -> Any:
         return SimpleNamespace(
-            path=Path(f"{file}.py"), name=name, add_marker=lambda mark: marked.append(name)
-        )
+            path=Path(f"{file}.py"), name=name, add_marker=lambda mark: marked.append(name),
+            get_closest_marker=lambda mark: None,
+        )  # fmt: skip
 
     items = [item("test_codegen_clean", "a"), item("test_docs", "test_links")]
     items += [item("test_docs", "test_ci_runs_the_readme"), item("test_statics", "b")]
@@ -167,6 +168,20 @@ def test_elsewhere_they_are_skipped(
     assert marked == expected
     files = [*conftest.OF_PLANS, *conftest.ON_LINUX]
     assert [name for name in files if not (ROOT / "tests" / f"{name}.py").is_file()] == []
+
+
+def test_of_sampled_tests_the_first_case_is_always_run() -> None:
+    left: list[str] = []
+
+    def item(name: str, *marks: str) -> Any:
+        return SimpleNamespace(
+            path=Path("test_a.py"), name=name, add_marker=lambda mark: left.append(name),
+            get_closest_marker=lambda mark: mark if mark in marks else None,
+        )  # fmt: skip
+
+    one = [item("a[1]", "sampled", "slow"), item("a[2]", "sampled"), item("a[3]", "sampled")]
+    conftest.leave_first_cases([*one, item("b[1]"), item("b[2]"), item("c", "sampled")])
+    assert left == ["a[3]"]
 
 
 def test_output_in_any_encoding() -> None:

@@ -84,6 +84,7 @@ def states(model: Model, seed: int) -> list[tuple[Array, Array, Array, Array]]:
     return found
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("manipulator, segments, law, stride", CASES)
 def test_dynamics(manipulator: Manipulator, segments: int, law: str, stride: int) -> None:
     """M, C, N and τ of (26), and the products with C and M, at 100 random states."""

@@ -22,6 +22,7 @@ def example(name: str) -> Simulation:
     return simulate_file(EXAMPLES / f"{name}.toml")
 
 
+@pytest.mark.slow
 def test_settling_times_are_those_of_the_paper() -> None:
     """Printed: at rest within 1 s (Fig. 6) and 1.5 s (Fig. 7); not in a flash either."""
     assert 0.7 < settling_time(example("step_fig6")) < 1.0

@@ -67,6 +67,7 @@ def stretched(actuation: Actuation) -> tuple[Swing, PlanResult]:
     return swing, plan(asked, PlanSettings(intervals=24, change=0.002, most_intervals=96))
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("actuation", "within"),
     [(PressureDrive(), 1e-3), (SlowDrive(), 2e-3)],
@@ -98,6 +99,7 @@ def test_least_time_with_all_of_the_hydraulics() -> None:
 # ---------------------------------------------------------------- least effort
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", SWINGS)
 def test_least_effort_is_that_of_direct_shooting(name: str) -> None:
     """On the same intervals, with the same tolerances at the end; see the oracle for finer ones."""
@@ -160,6 +162,7 @@ def test_waypoints_and_times() -> None:
     assert found.replay.t[passed] == pytest.approx(0.3, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_start_in_motion() -> None:
     """Stopping: from full swing to rest anywhere."""
     arm = paper()
@@ -199,6 +202,7 @@ NO_WAY: dict[str, tuple[dict[str, object], str, str]] = {
 LONG = ("goal in a box", "a wall between")  # nine starts, each to the end
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in NO_WAY]
 )
@@ -213,6 +217,7 @@ def test_the_right_limit_is_named(name: str) -> None:
     assert np.all(np.isfinite(found.u))
 
 
+@pytest.mark.slow
 def test_a_limit_that_the_start_breaks() -> None:
     arm = paper()
     tight = (*arm_limits(arm.model), TipBox(-1.0, 0.0, axis="x"))

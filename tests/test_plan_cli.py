@@ -41,6 +41,7 @@ def test_an_answer_and_its_files(tmp_path: Path) -> None:
     assert loaded.time == data["time_s"] and loaded.title == "Small swing"
 
 
+@pytest.mark.slow
 def test_people_are_told(tmp_path: Path) -> None:
     ball = {"kind": "sphere", "center": [0.1, 0.1, 0.2], "radius": 0.03}
     scene = write(tmp_path, obstacles=[ball], most_intervals=16)
@@ -55,6 +56,7 @@ def test_people_are_told(tmp_path: Path) -> None:
     assert [line.split()[0] for line in lines[-2:]] == ["8", "16"]
 
 
+@pytest.mark.slow
 def test_what_gives_way_is_named(tmp_path: Path) -> None:
     done = softmpc(write(tmp_path, **OUT_OF_REACH), "--out", tmp_path / "out", "--no-animate")
     assert done.exit_code == 3
@@ -105,6 +107,7 @@ def interrupting(at: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene_table, "plan", plan)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("at", [1, 2])
 def test_what_there_is_is_kept(at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in the first start, and before the refinement."""
@@ -119,6 +122,7 @@ def test_what_there_is_is_kept(at: int, tmp_path: Path, monkeypatch: pytest.Monk
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.slow
 def test_starts_that_are_done_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In other processes, which are ended."""
     interrupting(2, monkeypatch)

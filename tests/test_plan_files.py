@@ -179,6 +179,7 @@ DRIVES: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", DRIVES)
 def test_plans_of_other_drives(kind: str, tmp_path: Path) -> None:
     keys, header = DRIVES[kind]

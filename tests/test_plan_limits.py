@@ -91,6 +91,7 @@ IN_THE_WAY: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", IN_THE_WAY)
 def test_a_limit_in_the_way_of_a_goal_is_named(kind: str) -> None:
     """The goal gives way, the limit holds in the simulation, and the nearest is at it."""

@@ -241,6 +241,7 @@ def test_curvature_of_the_lagrangian_is_that_of_its_gradient():
     assert abs(H - H.T).max() < 1e-9 * abs(H).max()
 
 
+@pytest.mark.slow
 def test_text_and_numbers():
     found = sensitivities("jerk", STIFFNESS)
     head, row, start = found.text().splitlines()[:3]

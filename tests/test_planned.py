@@ -227,6 +227,7 @@ def test_other_problems_know_nothing_of_plans(model: Model) -> None:
     assert Objective(silent).references == {"tip": 3}
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("solver", "duration"),
     [
@@ -291,6 +292,7 @@ def test_another_plant_rests_with_its_tip_at_the_start(elsewhere: Setup) -> None
     assert x[: plant.strains] == pytest.approx(posture.q, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_plan_may_begin_in_motion(model: Model, tmp_path: Path) -> None:
     """The run begins so too, on a plant with other segments with the same rates; a rig cannot."""
     arrays, first = swing(model), 100
@@ -331,6 +333,7 @@ def test_limits_of_the_controller_are_checked(plan: Path, tmp_path: Path) -> Non
 # ---------------------------------------------------------------- on a rig
 
 
+@pytest.mark.slow
 def test_a_rig_follows_a_plan(plan: Path, model: Model) -> None:
     """A stiffer, finer plant with noise: it ends within 3 mm, where open loop does not."""
     settings = {"section_tips": {"latency": 0.01}, "unit_pressures": {}, "seed": 1}

@@ -160,6 +160,7 @@ def test_estimate_at_speed_falls_with_speed_and_knows_statics(
     assert off == sorted(off) and off[-1] > 10 * off[0]
 
 
+@pytest.mark.slow
 def test_model_of_the_controller_is_asked_too(inverse: InverseStatics) -> None:
     """A planar one does not leave its plane; it says nothing of a path within."""
     planar = build(Scene(chen2022(), strains=("epsilon", "kappa_y")))

@@ -94,6 +94,7 @@ def test_a_little_farther_may_be_projected(no_search: InverseStatics) -> None:
             assert check_reach(no_search, path, project) is None
 
 
+@pytest.mark.slow
 def test_a_path_all_of_which_is_away(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """Five places are enough to say so; what they miss is what inverse statics says."""
     inverse, calls, solve = InverseStatics(model, starts=6), [0], InverseStatics.solve

@@ -72,6 +72,7 @@ def moment_at(t: Transcription, model: Model) -> tuple[np.ndarray, np.ndarray, n
     return p, guess, x
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "scene",
     [
@@ -142,6 +143,7 @@ def test_condensed_cost_is_the_cost_of_the_linearised_trajectory(model: Model) -
         assert 0.5 * at_rest + change == pytest.approx(0.5 * squares)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("grid", [(), (1, 1, 1, 2, 3, 4)])
 def test_iterated_it_ends_where_ipopt_does(model: Model, grid: tuple[float, ...]) -> None:
     t = Transcription(tracking_problem(model, 6, 0.025, grid=grid))

@@ -63,6 +63,7 @@ def softmpc(*words: object) -> Any:
     return CliRunner().invoke(main, ["replay", *map(str, words)])
 
 
+@pytest.mark.slow
 def test_the_command(place: Path, tmp_path: Path) -> None:
     done = softmpc(place / "flight.log", "--json", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
@@ -77,6 +78,7 @@ def test_the_command(place: Path, tmp_path: Path) -> None:
     assert lines[1] == "0,solved,0.0,solved" and len(lines) == 15
 
 
+@pytest.mark.slow
 def test_the_command_finds_what_differs_and_what_is_damaged(place: Path) -> None:
     log = read_log(place / "flight.log")
     with FlightWriter(place / "other.log", log.header) as writer:
@@ -99,6 +101,7 @@ def test_the_command_finds_what_differs_and_what_is_damaged(place: Path) -> None
     assert softmpc(place / "other.log", "--tolerance", "0.01").exit_code == 4  # the status
 
 
+@pytest.mark.slow
 def test_the_wrong_scene_is_refused(place: Path) -> None:
     log = read_log(place / "flight.log")
     assert scene_of(log) == place / "scene.toml"
@@ -135,6 +138,7 @@ def test_a_log_without_its_scene_says_so(place: Path, tmp_path: Path) -> None:
         scene_of(nameless)
 
 
+@pytest.mark.slow
 def test_code_of_another_controller_is_refused(place: Path, tmp_path: Path) -> None:
     """Which would read references beyond their end."""
     words = place / "flight.log", "--with", "c", "--code"

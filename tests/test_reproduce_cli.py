@@ -160,6 +160,7 @@ def test_interrupted_while_drawing(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert (tmp_path / "reproduce.csv").is_file()
 
 
+@pytest.mark.slow
 def test_our_own_model_failing_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper_readings, "motion_of", raising(IntegrationError("no step")))
     result = softmpc("reproduce", "--only", "fig6")
@@ -183,6 +184,7 @@ def check(made: Figure) -> None:
             assert re.search(r"\(\S+\)$", axes.get_xlabel()), axes.get_title(loc="left")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["fig10", "fig11"])
 def test_pictures_of_the_arm_at_rest(name: str) -> None:
     found = reproduce(only=[FIGURES[name][0]])
@@ -222,6 +224,7 @@ def test_numbers_are_compared_and_not_only_words() -> None:
     assert not same("1 −2.0", "1 2.0")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("key", STILL)
 def test_page_has_what_the_command_gives(key: str) -> None:
     (text,) = markdown(reproduce(only=[key])).values()

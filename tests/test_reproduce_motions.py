@@ -88,6 +88,7 @@ def literal_pressure(times: Any, torque: float) -> Any:
     return np.array([(rest - expm(a * t) @ rest)[1] for t in times])
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("reading", "law"), [(AS_PRINTED, "printed"), (AS_READ, "strain")])
 def test_the_papers_motion_solves_its_equations(reading: str, law: str) -> None:
     """M q̈ + C q̇ + N = τ of a transcription without shared code, along the step of Fig. 7.
@@ -168,6 +169,7 @@ def test_overshoot_of_a_curvature(share: float) -> None:
 # ---------------------------------------------------------------- rows
 
 
+@pytest.mark.slow
 def test_fig6_stays_in_its_plane_and_rests_in_time() -> None:
     topic = fig6(runs())
     assert row(topic, "farthest of a tip")[OURS] == pytest.approx([0.0], abs=1e-9)
@@ -195,6 +197,7 @@ def _nothing_moves(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     return
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_nothing_moves")
 @pytest.mark.parametrize("key", ["fig8", "errors"])
 def test_no_motion_at_all_gives_rows_without_numbers(key: str) -> None:

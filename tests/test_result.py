@@ -58,6 +58,7 @@ def test_units_of_columns() -> None:
     assert len(units) == len(motion("hydraulic").columns())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", MOVES)
 def test_both_files_read_back(kind: str, tmp_path: Path) -> None:
     run = motion(kind)

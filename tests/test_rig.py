@@ -125,6 +125,7 @@ def test_files(usual: RigResult, tmp_path: Path) -> None:
         RigResult.load(tmp_path / "nowhere")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("kind", sorted(FAULTS))
 def test_every_fault(kind: str, rig: Rig, task: tuple[Scene, Tracking, RigSettings]) -> None:
     fault = FAULTS[kind](0.5, 0.3)
@@ -229,6 +230,7 @@ def _used(table: dict[str, Any], scene: Scene) -> None:
         sensor.reading(build(scene))
 
 
+@pytest.mark.slow
 def test_a_payload_that_is_not_there(task: tuple[Scene, Tracking, RigSettings]) -> None:
     scene, tracking, settings = task
     bare = replace(tracking, plant=replace(tracking.plant, scene=None))

@@ -30,6 +30,7 @@ def test_costs_written_anew_are_ours(problem):
     assert_allclose(float(state + effort) + 0.5 * change @ change, float(ours), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_step_for_do_mpc_follows_the_arm():
     """Its equations, solved by Newton iterations, give what a fine integrator gives."""
     problem = Problem(intervals=1, stages=5)
@@ -44,6 +45,7 @@ def test_the_step_for_do_mpc_follows_the_arm():
     assert np.abs(off).max() < 0.01 * np.abs(moved).max()
 
 
+@pytest.mark.sampled
 @pytest.mark.skipif(not installed, reason="do-mpc is not installed")
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("kind", ["our step", "tuned"])

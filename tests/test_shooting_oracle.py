@@ -83,6 +83,7 @@ def missed(between: Between, found: Effort) -> float:
     return float(np.abs((state - goal) / model.layout.x.scale).max())
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", SWINGS)
 def test_it_ends_at_rest_in_another_integrator(name: str) -> None:
     between, found = SWINGS[name](), least(name)
@@ -95,6 +96,7 @@ def test_it_ends_at_rest_in_another_integrator(name: str) -> None:
     assert found.cost == pytest.approx(effort)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", SWINGS)
 def test_half_as_long_pieces_cost_hardly_less(name: str) -> None:
     between, found = SWINGS[name](), least(name)
@@ -130,6 +132,7 @@ def test_tangents_are_those_of_differences() -> None:
     assert_allclose(by_torques, wanted, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("band", [0.0, 0.005])
 def test_another_optimiser_finds_the_same(band: float) -> None:
     """SLSQP of SciPy, on few pieces; with a band, all states may end beside their goals."""

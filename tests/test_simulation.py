@@ -135,6 +135,7 @@ def test_run_goes_on_from_a_state() -> None:
     np.testing.assert_allclose(second.tips[-1], whole.tips[-1], atol=1e-8)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("segments", [2, 3])
 def test_more_segments(segments: int) -> None:
     model = model_of(segments=segments)

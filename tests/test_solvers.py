@@ -39,6 +39,7 @@ def limited(model: Model) -> Ocp:
     return Ocp(model, 4, 0.025, (TipPosition(), Torque(), TorqueRate()), limits)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["fatrop", "sqp"])
 def test_each_solver_ends_where_ipopt_does(model: Model, name: str) -> None:
     for ocp in (limited(model), tracking_problem(model, 4, 0.025, grid=(1, 1, 2, 3))):

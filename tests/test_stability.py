@@ -11,6 +11,7 @@ def bench() -> Bench:
     return Bench(mode="never")
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("horizon, terminal, starts", [(5, False, 4), (5, True, 4), (10, True, 4)])
 def test_sample_comes_to_rest(bench: Bench, horizon: int, terminal: bool, starts: int) -> None:
     for number in range(starts):

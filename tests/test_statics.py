@@ -116,6 +116,7 @@ def posture(name: str, segments: int) -> Equilibrium:
 # ---------------------------------------------------------------- the table of EQUATIONS.md, 3
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "formulation, arc, column",
     [
@@ -149,6 +150,7 @@ def test_table_of_tip_errors(formulation: Formulation, arc: Arc, column: dict[in
 # --------------------------------------------------------------------------------- convergence
 
 
+@pytest.mark.sampled
 @by_scenario
 def test_converges_to_the_rod(name: str) -> None:
     """Second order: the tip error falls by 3.5 or more a doubling, below 1 mm at 4 segments."""

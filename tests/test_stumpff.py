@@ -52,6 +52,7 @@ def error(found: float, k: int, s: float, order: int) -> float:
     return float(abs(mp.mpf(found) - value)) / max(abs(float(value)), envelope)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("points", [HARD, AROUND, GRID], ids=["hard", "switch", "grid"])
 def test_values_and_four_derivatives(points: tuple[float, ...]) -> None:
     evaluate = tower(5)

@@ -82,6 +82,7 @@ def test_results_are_those_of_the_work(in_this_process: list) -> None:
     assert np.allclose(in_this_process, expected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("workers", [2, 3, None])
 def test_same_results_in_processes(workers: int | None, in_this_process: list) -> None:
     assert sweep(Tips(SCENE), PRESSURES, executor=workers, chunk=4) == in_this_process
@@ -104,6 +105,7 @@ def test_threads_do_not_share_the_work() -> None:
         assert pool.submit(_unpacked, work).result() is not mine
 
 
+@pytest.mark.slow
 def test_dask(in_this_process: list, tmp_path: Path) -> None:
     """Same results, what a script defines, a worker killed once, and one killed every time."""
     pytest.importorskip("distributed")
@@ -405,6 +407,7 @@ def test_files_keep_every_digit(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- the page
 
 
+@pytest.mark.slow
 def test_example_prints_what_the_page_says(tmp_path: Path) -> None:
     process = start((ROOT / "examples" / "monte_carlo.py").read_text(), tmp_path)
     out, error = process.communicate(timeout=120)
@@ -443,6 +446,7 @@ def test_dask_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
         pass
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("answers", [False, True])
 def test_no_scheduler_answers(answers: bool) -> None:
     """Nobody is there, or somebody who is no scheduler."""

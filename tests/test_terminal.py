@@ -104,6 +104,7 @@ def test_no_other_gain_costs_less(model: Model, rest) -> None:
         assert paid > best * (1 - 1e-9)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("horizon", [1, 5])
 def test_controller_near_rest_is_the_regulator(model: Model, rest, horizon: int) -> None:
     """Without active limits the change of the first input with the state is the regulator's gain,

@@ -59,6 +59,7 @@ def stays_within_its_limits(result: TrackResult) -> None:
     assert result.variation <= 2 * result.rest_variation
 
 
+@pytest.mark.slow
 def test_circle_inside_is_tracked() -> None:
     result = loop("circle", 0.5)
     assert result.failures == 0 and result.jumps is not None and len(result.jumps) == 0

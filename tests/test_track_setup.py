@@ -186,6 +186,7 @@ def test_an_interrupted_comparison_keeps_what_is_done(
 # ---------------------------------------------------------------- what is wrong, and where
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     ("run", "old", "new", "said"),
     [

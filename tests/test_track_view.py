@@ -46,6 +46,7 @@ def run_of(model: Model, bend: float) -> TrackResult:
     )  # fmt: skip
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("bend", [3.0, 0.2], ids=["sideways", "hanging"])
 def test_space_stays_in_its_half(model: Model, bend: float) -> None:
     """The name of its upright axis once lay on that of the torques; the tip stays in its box."""

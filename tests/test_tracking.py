@@ -148,6 +148,7 @@ def test_rest_is_kept(loop) -> None:
     assert result.error.max() < 2e-5  # the effort's small pull
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [

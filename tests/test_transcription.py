@@ -79,6 +79,7 @@ EVERY_LIMIT = (
 )  # StrokeLimit needs the drive's states and has a test of its own
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("drive", [None, StaticDrive(), PressureDrive()])
 def test_derivatives_are_those_of_the_program(drive) -> None:
     scene = Scene(chen2022()) if drive is None else Scene(chen2022(), actuation=drive)
@@ -112,6 +113,7 @@ def test_gauss_newton_is_the_hessian_where_residuals_are_linear(model: Model) ->
     assert np.asarray(H) == pytest.approx(np.triu(np.asarray(plain)), rel=1e-10, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_one_interval_agrees_with_scipy_at_third_order(model: Model) -> None:
     """Solve the stage equations, compare with a tight integration of x_dot: error ~ h⁴."""
     x0, _ = at_rest(model, TORQUE)
@@ -152,6 +154,7 @@ def test_both_hessians_find_the_same_optimum(model: Model) -> None:
     assert max(s.violation for s in found) < 1e-6
 
 
+@pytest.mark.slow
 def test_optimum_is_stationary_for_an_independent_shooting() -> None:
     """The same cost through SciPy's integrator: its gradient vanishes at the solution."""
     strains = ("epsilon", "kappa_y")
@@ -248,6 +251,7 @@ def test_bad_problems_are_refused(model: Model, make, message: str) -> None:
         make(model)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("damped", [True, False])
 def test_without_inertia_the_arm_follows_its_pressures(damped: bool) -> None:
     """Damped: D(q) dq = -r(q, 0, 0, P), integrated by SciPy. Undamped: always at rest."""

@@ -40,6 +40,7 @@ def test_one_setting_is_changed(script: ModuleType) -> None:
     assert rates == [pytest.approx(0.2)]  # the same torque rate a second
 
 
+@pytest.mark.slow
 def test_a_loop_is_as_printed(script: ModuleType) -> None:
     error, rate, failed, _ = script.loop(("same", "step", 50.0))
     assert error == pytest.approx(0.164, rel=0.02)  # of the page's picture, mm

@@ -137,6 +137,7 @@ def tick_labels(made: Figure) -> set[str]:
 # ---------------------------------------------------------------- every picture of every arm
 
 
+@pytest.mark.sampled
 def test_posture(model: Model, tmp_path: Path) -> None:
     q = sway(model)[1][7]
     made = posture_figure(model, q, "A posture")
@@ -151,6 +152,7 @@ def test_posture(model: Model, tmp_path: Path) -> None:
     assert ends[-1] == pytest.approx(places[[0, 2], -1])
 
 
+@pytest.mark.sampled
 def test_tips(model: Model, tmp_path: Path) -> None:
     run = run_of(model)
     check(time_plots.tips_figure(run.time, run.tips), tmp_path)
@@ -164,6 +166,7 @@ def test_tips_with_speeds(tmp_path: Path) -> None:
     assert [axes.get_ylabel() for axes in made.axes] == ["x (m)", "y (m)", "z (m)", "speed (m/s)"]
 
 
+@pytest.mark.sampled
 def test_motion(model: Model, tmp_path: Path) -> None:
     run = motion_of(model)
     made = motion_figure(model, run, "A motion")
@@ -209,6 +212,7 @@ def test_energy(tmp_path: Path, missing: tuple[str, ...]) -> None:
     assert error.get_title("left").startswith("no balance: elastic" if missing else "sum of energ")
 
 
+@pytest.mark.sampled
 def test_strains(model: Model, tmp_path: Path) -> None:
     made = time_plots.strains_figure(model, *sway(model))
     check(made, tmp_path)
@@ -226,6 +230,7 @@ def test_strains_name_sections_where_dashes_would_repeat(segments: int, names: i
     assert len(made.axes[0].get_lines()) == 2 * segments
 
 
+@pytest.mark.sampled
 def test_drive(model: Model, tmp_path: Path) -> None:
     run = run_of(model)
     made = time_plots.inputs_figure(model, run.control_time, run.u, run.p[:-1:2])
@@ -248,6 +253,7 @@ def test_errors(tmp_path: Path) -> None:
         check(time_plots.errors_figure(time, errors), tmp_path)
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("far", [False, True])
 def test_tracking(model: Model, tmp_path: Path, far: bool) -> None:
     made = tracking_figure(model, run_of(model, far))

@@ -207,6 +207,7 @@ def test_axes_have_labels_with_units(pictures: dict[str, Any]) -> None:
                 assert UNITS.search(axes.get_ylabel()), (name, axes.get_ylabel())
 
 
+@pytest.mark.slow
 def test_nothing_overlaps(pictures: dict[str, Any]) -> None:
     chosen = pictures | {one: front_figure(study(), one) for one in ("rest", "motion", "loop")}
     for name, made in chosen.items():

@@ -119,6 +119,7 @@ def test_words_of_its_configurations_are_explained(page: Page) -> None:
     assert "paper arc" not in words  # is not in this study
 
 
+@pytest.mark.slow
 def test_it_is_the_same_each_time() -> None:
     """But for pictures that were drawn before: their layout is done anew after another
     resolution, and may differ by rounding.

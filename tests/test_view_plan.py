@@ -171,6 +171,7 @@ def is_legend(artist: Any) -> bool:
     return type(artist).__name__ == "Legend"
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(
     "slots",
     [

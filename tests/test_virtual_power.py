@@ -83,6 +83,7 @@ def test_inertia_is_symmetric_and_positive_definite(name: str) -> None:
     assert model.massless == ()
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("formulation", [VirtualPower(), LUMPED])
 def test_twist_without_rotary_inertia_is_massless(formulation: VirtualPower) -> None:
     model = model_of(formulation=formulation, effects=LEAN)
@@ -129,6 +130,7 @@ def test_inertia_rate_less_twice_coriolis_is_skew(name: str) -> None:
 # ---------------------------------------------------------------------------------- one residual
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", [n for n in SCENES if n != "3 segments"])
 def test_residual_is_the_sum_of_its_terms(name: str) -> None:
     """r = M ddq + C dq + N - τ, and `equations` returns the same four as the four functions."""
@@ -152,6 +154,7 @@ def test_residual_is_the_sum_of_its_terms(name: str) -> None:
 # ------------------------------------------------------------------------------------ derivatives
 
 
+@pytest.mark.sampled
 @every
 def test_derivative_along_a_direction(name: str) -> None:
     """The O(n) derivative along a direction is the Jacobian times that direction."""
@@ -194,6 +197,7 @@ def _arguments(model: Model) -> tuple[Any, ...]:
     return layout.q, layout.dq, layout.ddq, layout.p
 
 
+@pytest.mark.sampled
 @every
 def test_stiffness_and_tip_jacobian(name: str) -> None:
     model, layout = scene(name), scene(name).layout
@@ -230,6 +234,7 @@ def test_position_forces_are_the_gradient_of_the_energy(name: str) -> None:
     assert largest(numbers(model.N(q)), slope, model.layout.r.scale) < 1e-9
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("name", ["default", "paper arc", "planar", "tip load", "one unit"])
 @pytest.mark.parametrize("moment", [False, True])
 def test_energy_balance(name: str, moment: bool) -> None:

@@ -130,6 +130,7 @@ def test_contains(space: Workspace) -> None:
 # ---------------------------------------------------------------- what it has not seen
 
 
+@pytest.mark.slow
 def test_one_section_with_weight_and_load() -> None:
     scene = Scene(ONE, effects=(Gravity(), TipLoad(force=(1.0, 0.5, 0.0))))
     loaded = build(scene)
@@ -172,6 +173,7 @@ def test_a_check_finds_what_is_wrong(model: Model, space: Workspace) -> None:
     assert found.off > 1e-2
 
 
+@pytest.mark.slow
 def test_limits_of_strains_count() -> None:
     limits = replace(ONE.limits, curvature_max=4.0, stretch_max=0.3)
     tight = build(Scene(replace(ONE, limits=limits)))

@@ -62,6 +62,7 @@ def test_two_units_stuck_is_a_curve(one: Model) -> None:
     assert found.outside < 1e-6 and found.points == 0
 
 
+@pytest.mark.slow
 def test_one_unit_stuck_is_a_surface(one: Model) -> None:
     space = find_workspace(one, held={2: 3e5}, **COARSE | {"samples": 900})
     assert space.dimension == 2 and space.volume == 0 and space.shell is None
@@ -74,6 +75,7 @@ def test_one_unit_stuck_is_a_surface(one: Model) -> None:
     assert space.distance_outside(np.array(tips)).max() < 0.02
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("strain", "axis"), [("kappa_y", 0), ("kappa_x", 1)])
 def test_planar_arms_have_an_area(strain: str, axis: int) -> None:
     arm = build(Scene(ONE, strains=("epsilon", strain)))

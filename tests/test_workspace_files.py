@@ -56,6 +56,7 @@ def assert_same(one: Workspace, two: Workspace) -> None:
 # ---------------------------------------------------------------- sweeps
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_result(
     model: Model, space: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +64,7 @@ def test_workers_do_not_change_the_result(
     assert_same(find_workspace(model, executor=2, **TINY), space)
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_where_it_was(model: Model, space: Workspace, tmp_path: Path) -> None:
     told: list[float] = []
 
@@ -149,6 +151,7 @@ def test_pictures(model: Model, space: Workspace) -> None:
     assert len(limit_postures_figure(model, postures).axes) == 4
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("held", [{1: 0.0}, {1: 0.0, 2: 0.0}, {1: 0.0, 2: 0.0, 3: 0.0}])
 def test_pictures_without_a_shell(model: Model, held: dict[int, float]) -> None:
     space = find_workspace(model, held=held, executor=1, **TINY)
@@ -218,6 +221,7 @@ def scene(tmp_path: Path) -> Path:
 GRID = ("--azimuths", 4, "--polars", 5, "--workers", 1)
 
 
+@pytest.mark.slow
 def test_command(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = run("workspace", scene, *GRID, "--check", 50, "--json", "--out", out)
@@ -235,6 +239,7 @@ def test_command(scene: Path, tmp_path: Path) -> None:
     assert Workspace.load(out / "workspace.npz").volume == data["volume_m3"]
 
 
+@pytest.mark.slow
 def test_command_for_people(scene: Path) -> None:
     done = run("workspace", scene, *GRID, "--hold", "1=0.2", "--hold", "2=0.2")
     assert done.exit_code == 0, done.output

@@ -37,7 +37,7 @@ def measured(path: Path, seconds: float, kinds: tuple[str, ...] = tuple(KINDS)) 
     _, scene, task = read_track_file(path)
     settings = read_rig_file(path)
     assert settings is not None, f"{path} has no table [rig]"
-    if seconds <= task.settle:
+    if seconds < task.settle:
         raise InputError(f"seconds = {seconds:g}: errors count after {task.settle:g} s; run longer")
     rig = rig_up(scene, task, settings)
     with tempfile.TemporaryDirectory() as folder:
