@@ -87,6 +87,7 @@ def test_bodies_are_drawn_whole_and_clipped() -> None:
     assert area(can) == pytest.approx(2 * np.pi * 0.2 * (0.3 + 0.2), rel=5e-3)
     cut = drawn(Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.2, length=0.6))
     assert area(cut) == pytest.approx(np.pi * 0.2 * (0.6 + 0.2), rel=5e-3)  # its upper half
+    assert len({len(face) for face in cut}) == 1  # for Matplotlib's limits of the axes
     wide = drawn(Sphere((90.0, 0.0, 0.5), 90.0))
     assert area(wide) == pytest.approx(1.0, rel=1e-3)  # almost the plane x = 0
     places = np.concatenate(wide) - [90.0, 0.0, 0.5]

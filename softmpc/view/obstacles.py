@@ -34,9 +34,19 @@ def draw_obstacles(axes: Any, obstacles: tuple[Obstacle, ...], box: np.ndarray) 
         faces = [_clipped(face, box) for face in _faces(obstacle, middle, reach)]
         faces = [face for face in faces if len(face) > 2]
         if faces:
-            axes.add_collection3d(Poly3DCollection(faces, **FILL, edgecolor="none", zorder=0))
+            alike = _with_as_many_corners(faces)
+            axes.add_collection3d(Poly3DCollection(alike, **FILL, edgecolor="none", zorder=0))
             seen = True
     return seen
+
+
+def _with_as_many_corners(faces: list[np.ndarray]) -> list[np.ndarray]:
+    """Last corners repeated: Matplotlib fills shorter polygons with whatever memory holds.
+
+    It takes that for places when it finds the limits of the axes.
+    """
+    most = max(map(len, faces))
+    return [np.concatenate([face, *[face[-1:]] * (most - len(face))]) for face in faces]
 
 
 def draw_cuts(axes: Axes, obstacles: tuple[Obstacle, ...], across: int, box: np.ndarray) -> None:
