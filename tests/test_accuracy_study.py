@@ -20,8 +20,8 @@ from study_work import SIZES, Noted, Pretended, noted, start
 from softmpc import InputError
 from softmpc.accuracy import alone, study
 from softmpc.accuracy.alone import KILLED
-from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Task
+from softmpc.accuracy.made_once import made_once
 from softmpc.accuracy.orders import fits
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.study import run_study

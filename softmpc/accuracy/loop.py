@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.family import Family, Numbers
 from softmpc.accuracy.loop_axes import loop_axes
@@ -23,6 +22,7 @@ from softmpc.accuracy.loop_task import (
     tracking,
     why_no_loop,
 )
+from softmpc.accuracy.made_once import made_once
 from softmpc.control.track_result import TrackResult
 from softmpc.control.track_scene import Tracking
 from softmpc.control.tracking import Setup

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.environment import environment
 from softmpc.accuracy.loop_task import IN_C, prepared, shortened, tracking
+from softmpc.accuracy.made_once import made_once
 from softmpc.accuracy.timing import clock, memory_mib, spread
 from softmpc.codegen.compiled_controller import CompiledController
 from softmpc.codegen.generate import generate_controller

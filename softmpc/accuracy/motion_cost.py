@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.accuracy.environment import environment
+from softmpc.accuracy.made_once import made_once
 from softmpc.accuracy.motion_task import PATIENCE, integrator_of, run, settings_of
 from softmpc.accuracy.motion_variants import model_with
 from softmpc.accuracy.timing import by_turns, memory_mib

@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from softmpc.accuracy.beside import made_once
 from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.made_once import made_once
 from softmpc.accuracy.motion_variants import PRINTED_RATES, model_with
 from softmpc.accuracy.timing import by_turns, memory_mib
 from softmpc.errors import BuildError

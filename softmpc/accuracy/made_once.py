@@ -1,4 +1,4 @@
-"""What costs are compared with: the scene as given, in quick mode made once a process."""
+"""What cases of a study share, in quick mode made once a process: the scene as given, the plant."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _made: dict[str, tuple[Task, Any]] = {}
 
 
 def made_once(name: str, task: Task, make: Callable[[], Made]) -> Made:
-    """What `make` makes of the scene as given, kept for later cases of a quick study.
+    """What `make` makes of a task, kept under a name for later cases of a quick study.
 
-    In full mode each case has a process of its own, whose memory is that of the case.
+    In full mode it is made anew: there each cost has a process of its own, whose memory is told.
     """
     if not task.quick:
         return make()
