@@ -50,9 +50,9 @@ def references(name: str) -> dict[str, dict[str, Any]]:
 
 
 def configuration(name: str, series: str, segments: int) -> Configuration:
-    found = [
+    found = [  # of a full study, for a quick one leaves series out
         one
-        for one in FAMILY.configurations(task_of(name))
+        for one in FAMILY.configurations(replace(task_of(name), quick=False))
         if one.series == series and one.changes["model.segments"] == segments
     ]
     return found[0]
