@@ -21,6 +21,7 @@ from softmpc.accuracy.configuration import Task
 from softmpc.accuracy.points import Study
 from softmpc.accuracy.work import Case, Measure
 from softmpc.cli.main import main
+from softmpc.view.accuracy import KINDS
 
 SCENE = """
 title = "Arm"
@@ -75,6 +76,7 @@ def test_json_and_files(scene: Path, tmp_path: Path) -> None:
     pictures = {name for name in names if name.endswith(".png")}
     assert names - pictures == TEXTS
     assert "work-precision-pretended.png" in pictures
+    assert all(name.startswith(KINDS) for name in pictures)  # by which old ones are found
     with open(out / "study.csv", newline="", encoding="utf-8") as file:
         assert len([*csv.DictReader(file)]) == POINTS
     report = (out / "report.html").read_text(encoding="utf-8")

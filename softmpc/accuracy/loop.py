@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.configuration import AS_GIVEN, Configuration, Task
 from softmpc.accuracy.family import Family, Numbers
 from softmpc.accuracy.loop_axes import loop_axes
 from softmpc.accuracy.loop_cost import loop_cost
@@ -35,7 +35,6 @@ __all__ = ["DOUBT", "Loop"]
 PLANT, DOUBT = "plant", "its doubt"
 PATIENCE = {True: 180.0, False: 900.0}  # s that one run may take, by `quick`
 FAR = 3.0  # times the error of the scene as given
-AS_GIVEN = Configuration("", "")
 
 
 class Loop(Family):

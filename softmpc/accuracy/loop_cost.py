@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.configuration import AS_GIVEN, Configuration, Task
 from softmpc.accuracy.environment import environment
 from softmpc.accuracy.loop_task import IN_C, prepared, shortened, tracking
 from softmpc.accuracy.made_once import made_once
@@ -33,7 +33,6 @@ BLOCK = 12  # steps of a run; runs of both controllers take turns
 FIRST = 2  # of a run, from nothing, do not count
 TURNS = {True: 2, False: 6}  # by `quick`
 PATIENCE = 20.0  # s of steps, after which there are no more turns
-AS_GIVEN = Configuration("", "")
 Numbers = dict[str, Any]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.configuration import AS_GIVEN, Configuration, Task
 from softmpc.accuracy.environment import environment
 from softmpc.accuracy.made_once import made_once
 from softmpc.accuracy.motion_task import PATIENCE, integrator_of, run, settings_of
@@ -98,7 +98,7 @@ class _Arm:
         document = dict(task.document)
         scene = scene_from_dict(document)
         if variant or self.model.scene != scene:
-            return _Arm.of(task, Configuration("", ""))
+            return _Arm.of(task, AS_GIVEN)
         return self.again(settings_of(task, document, self.model))
 
     def first(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from softmpc.accuracy.configuration import Configuration, Task
+from softmpc.accuracy.configuration import AS_GIVEN, Configuration, Task
 from softmpc.accuracy.environment import environment
 from softmpc.accuracy.families import FAMILIES
 from softmpc.errors import SoftmpcError, is_interrupt
@@ -17,7 +17,6 @@ __all__ = ["MEASURED", "Case", "Measure"]
 MEASURED = "measured"
 REFERENCE, ERROR, COST = "reference", "error", "cost"
 EXPECTED = SoftmpcError, RuntimeError, ArithmeticError, ValueError
-AS_GIVEN = Configuration("", "")
 
 
 @dataclass(frozen=True)
