@@ -11,10 +11,11 @@ from scipy.optimize import root
 
 from softmpc import InputError, Scene, build, chen2022
 from softmpc.control.closed_loop import Start, start_at
+from softmpc.control.linearisation import Linearisation
 from softmpc.control.mpc import Mpc
 from softmpc.control.ocp import tracking_problem
 from softmpc.control.solvers import make_solver
-from softmpc.control.trajectory import Moment
+from softmpc.control.trajectory import Moment, Trajectory
 from softmpc.control.transcription import Transcription
 from softmpc.estimation.process import Process, ProcessNoise
 from softmpc.model.disturbance import Disturbance
@@ -63,6 +64,22 @@ def test_names_and_shapes(model: Model, disturbance: Disturbance) -> None:
     assert len(Disturbance.of(model.scene, ("kappa_x",), inputs=False)) == 2
     with pytest.raises(InputError, match="curl"):
         Disturbance.of(model.scene, ("curl",))
+
+
+def test_defects_for_another_state_now(
+    transcription: Transcription, model: Model, start: Start, d: np.ndarray
+) -> None:
+    """Those of the first interval are worked out anew, and know of the disturbance too."""
+    t, linearisation = transcription, Linearisation(transcription, "never")
+    p = t.parameters(start.x, start.u, given(model, start, d))
+    at = Trajectory.of(t, t.resting(start.x, start.u))
+    before = linearisation.measure(Moment.of(t, p), at)
+    p[: t.nx] += 0.01
+    found = linearisation.from_another_state(before, Moment.of(t, p), at)
+    rows = ca.Function("g", [t.program.w, t.program.p], [t.program.g])(at.w, p)
+    whole = np.asarray(rows).reshape(N, -1)[:, : found.defects.shape[1]]
+    assert np.abs(found.defects - before.defects).max() > 1e-3
+    assert np.allclose(found.defects, whole)
 
 
 @pytest.mark.sampled

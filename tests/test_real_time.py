@@ -94,17 +94,23 @@ def test_linearisation_is_the_jacobian_of_the_program(scene: Scene) -> None:
     J = np.asarray(
         ca.Function("J", [program.w, program.p], [ca.jacobian(program.g, program.w)])(w, p)
     )
-    g = np.asarray(ca.Function("g", [program.w, program.p], [program.g])(w, p)).ravel()
+    rows = ca.Function("g", [program.w, program.p], [program.g])
+    g = np.asarray(rows(w, p)).ravel()
     f = float(ca.Function("f", [program.w, program.p], [program.f])(w, p))
     height, first = len(g) // t.N, t.na + t.nx
     assert np.allclose(measured.defects.ravel(), g.reshape(t.N, height)[:, :first].ravel())
     assert np.allclose(measured.rows, g.reshape(t.N, height)[:, first:])
     assert measured.cost == pytest.approx(f, rel=1e-12)
+    p[: t.nx] += 0.01  # another state now
+    again = linearisation.from_another_state(measured, Moment.of(t, p), at)
+    other = np.asarray(rows(w, p)).reshape(t.N, height)
+    assert np.abs(other[0] - g[:height]).max() > 1e-3
+    assert np.allclose(again.defects, other[:, :first])
     k = 2  # an interval in the middle, of another length than the first
     own = slice(k * t.nw, k * t.nw + t.nu + t.na)
-    rows = J[k * height : (k + 1) * height]
-    by_u, by_a = np.split(rows[:, own], [t.nu], axis=1)
-    by_x = rows[:, k * t.nw - t.nx : k * t.nw]
+    by = J[k * height : (k + 1) * height]
+    by_u, by_a = np.split(by[:, own], [t.nu], axis=1)
+    by_x = by[:, k * t.nw - t.nx : k * t.nw]
     inverse = np.linalg.inv(by_a[: t.na])
     A = by_x[t.na : first] - by_a[t.na : first] @ inverse @ by_x[: t.na]
     B = by_u[t.na : first] - by_a[t.na : first] @ inverse @ by_u[: t.na]

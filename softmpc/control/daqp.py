@@ -103,11 +103,11 @@ class Daqp:
             met = not np.any(_excess(program, v)[rows] > BROKEN)
             return v, multipliers, OPTIMAL if met else INFEASIBLE, 0
         H = program.H[coupled][:, coupled]
-        U, info = dpotrf(H.T)  # upper triangular, Lᵀ
+        U, info = dpotrf(H.T)  # Lᵀ, zero below the diagonal, and so is its inverse
         if info:
             return v, multipliers, NOT_CONVEX, 0
         back = dtrtri(U)[0]  # L⁻ᵀ
-        A = np.concatenate([np.triu(back), R[:, coupled] @ back])
+        A = np.concatenate([back, R[:, coupled] @ back])
         chosen = np.concatenate([coupled, rows])
         upper = np.concatenate([program.high, program.high_rows])[chosen]
         lower = np.concatenate([program.low, program.low_rows])[chosen]

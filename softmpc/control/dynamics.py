@@ -75,7 +75,8 @@ class Dynamics:
 
     def make(self) -> None:
         """Make all functions now, so that the first call need not."""
-        _ = self._stages, self._residuals, self._end_slopes, self._carried_drive
+        _ = self._stages, self._residuals, self._first_residuals
+        _ = self._end_slopes, self._carried_drive
 
     # --- functions -------------------------------------------------------------------------------
 
@@ -89,16 +90,21 @@ class Dynamics:
         outputs = [model.residual(*given), *model.residual_jacobian(*given)]
         outputs = [ca.densify(ca.mtimes(scaled, value)) for value in outputs]
         one = ca.Function("stage", given, outputs, {"cse": True} if kind is ca.SX else {})
-        return self._mapped(one)
+        return self._mapped(one, self.t.N)
 
     @cached_property
     def _residuals(self) -> Buffered:
         """The same without the Jacobian and not scaled, to measure how good a step was."""
-        return self._mapped(self.t.model.residual)
+        return self._mapped(self.t.model.residual, self.t.N)
 
-    def _mapped(self, one: ca.Function) -> Buffered:
-        """Over all stages of all intervals; what is compiled serves a horizon of any length."""
-        return Buffered(compiled(one, self.mode).map(self.t.N * len(self.t.tableau.c)))
+    @cached_property
+    def _first_residuals(self) -> Buffered:
+        """Those of the first interval."""
+        return self._mapped(self.t.model.residual, 1)
+
+    def _mapped(self, one: ca.Function, intervals: int) -> Buffered:
+        """Over all stages of some intervals; what is compiled serves any number of them."""
+        return Buffered(compiled(one, self.mode).map(intervals * len(self.t.tableau.c)))
 
     # --- numbers ---------------------------------------------------------------------------------
 
@@ -111,14 +117,18 @@ class Dynamics:
         return d @ (disturbance.F.T / self.t.model.layout.r.scale), d @ disturbance.G.T
 
     def _at_stages(self, before: Array, at: Trajectory, offset: Array | float) -> tuple[Array, ...]:
-        """q, dq, ddq (N×s×n), p (N×s×m) and z (N×s×h) at the stages, SI."""
-        t, n, grid = self.t, self.t.n, self.grid
+        """q, dq, ddq (N×s×n), p (N×s×m) and z (N×s×h) at the stages, SI.
+
+        A trajectory of fewer intervals is that of the first ones.
+        """
+        t, n, grid, some = self.t, self.t.n, self.grid, slice(len(before))
         X, U = before * t.x_scale, (at.u * t.u_scale)[:, : t.inputs] + offset
-        a = (at.a * t.a_scale).reshape(t.N, -1, n)
+        a = (at.a * t.a_scale).reshape(len(X), -1, n)
         rate = X[:, None, n : 2 * n]
-        q = X[:, None, :n] + grid.of_rate[:, :, None] * rate + grid.to_strain @ a
-        dq = grid.kept[:, None, None] * rate + grid.to_rate @ a
-        z = (grid.phi @ X[:, None, 2 * n :, None] + grid.gamma @ U[:, None, :, None])[..., 0]
+        q = X[:, None, :n] + grid.of_rate[some, :, None] * rate + grid.to_strain[some] @ a
+        dq = grid.kept[some, None, None] * rate + grid.to_rate[some] @ a
+        z = grid.phi[some] @ X[:, None, 2 * n :, None] + grid.gamma[some] @ U[:, None, :, None]
+        z = z[..., 0]
         p = z @ t.model.drive.C.T + (U @ t.model.drive.D.T)[:, None]
         return q, dq, a * self._accelerates, p, z
 
@@ -129,18 +139,25 @@ class Dynamics:
 
     def defects(self, moment: Moment, at: Trajectory) -> Array:
         """What a trajectory breaks: residuals of the stages, then gaps (N × (s·n + nx)), scaled."""
+        return self._defects(self._residuals, moment, at)
+
+    def first_defects(self, moment: Moment, at: Trajectory) -> Array:
+        """Those of the first interval, the only ones that depend on the state now (s·n + nx)."""
+        return self._defects(self._first_residuals, moment.first, at.first)[0]
+
+    def _defects(self, residuals: Buffered, moment: Moment, at: Trajectory) -> Array:
         before, _ = moment.before(at)
         force, offset = self._disturbed(moment)
         stages = self._at_stages(before, at, offset)
-        r = self._residuals(*_flat(stages))[0] / self.t.model.layout.r.scale
+        r = residuals(*_flat(stages))[0] / self.t.model.layout.r.scale
         return np.concatenate([self._less(r, force), self._end(stages) - at.x], axis=1)
 
     def _less(self, r: Array, force: Array | float) -> Array:
         """Residuals of all stages less the disturbance's force (N × s·n)."""
-        t = self.t
-        if isinstance(force, float):
-            return r.reshape(t.N, -1)
-        return (r.reshape(t.N, -1, t.n) - force[:, None]).reshape(t.N, -1)
+        by_stage = r.reshape(-1, len(self.t.tableau.c), self.t.n)
+        if not isinstance(force, float):
+            by_stage = by_stage - force[:, None]
+        return by_stage.reshape(len(by_stage), -1)
 
     def __call__(self, moment: Moment, at: Trajectory, by_length: bool = False) -> Steps:
         """The steps around a trajectory. Raises `numpy.linalg.LinAlgError` where there are none.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -76,6 +76,12 @@ class Linearisation:
         every = self.terms.values(*given)
         end = self.end_terms.values(*(value[-1:] for value in given))
         return self._measured(at, defects, every, end)
+
+    def from_another_state(self, measured: Measured, moment: Moment, at: Trajectory) -> Measured:
+        """What was measured, for a moment with another state: that enters one interval alone."""
+        defects = measured.defects.copy()
+        defects[0] = self.dynamics.first_defects(moment, at)
+        return replace(measured, defects=defects)
 
     def _measured(self, at: Trajectory, defects: Array, every: Array, end: Array) -> Measured:
         e = every[:, : self.residuals]

@@ -147,7 +147,7 @@ class RealTime:
         self._active = found.multipliers if found.solved else None  # never that of a failure
         here, moment = ready.condensed.linear.measured, replace(ready.moment, x=x)
         if dx.any():
-            here = self.linearisation.measure(moment, ready.at)
+            here = self.linearisation.from_another_state(here, moment, ready.at)
         if not found.solved:  # what is wrong with the start is the best hint there is
             return _failed(ready.at.w, found, self._worst(ready.at, here), began), None
         step = ready.condensed.expand(found.v, dx, free)
@@ -300,12 +300,13 @@ class RealTime:
         )
 
     def _worst(self, at: Trajectory, measured: Measured) -> tuple[float, str]:
-        """The largest violation and its name."""
-        both = violations(self.limited, at, measured)
-        part = int(np.nanmax(both[1], initial=0.0) > np.nanmax(both[0], initial=0.0))
-        over = np.nan_to_num(both[part], nan=np.inf)
-        k, i = np.unravel_index(int(np.argmax(over)), over.shape)
-        return float(over[k, i]), f"{self._names[part][i]} at interval {k + 1}"
+        """The largest violation and its name; one that is not a number is infinite."""
+        found = []
+        for over, names in zip(violations(self.limited, at, measured), self._names, strict=True):
+            k, i = divmod(int(over.argmax()), over.shape[1])  # NaN counts as the largest
+            size = float(np.nan_to_num(over[k, i], nan=np.inf))
+            found.append((size, f"{names[i]} at interval {k + 1}"))
+        return max(found, key=lambda one: one[0])
 
 
 def _failed(w: Array, found: QpSolution, worst: tuple[float, str], began: float) -> Solution:

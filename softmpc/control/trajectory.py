@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,11 @@ class Trajectory:
     def w(self) -> Array:
         return np.hstack([self.u, self.a, self.x]).ravel()
 
+    @property
+    def first(self) -> Trajectory:
+        """Its first interval."""
+        return Trajectory(self.u[:1], self.a[:1], self.x[:1])
+
     def moved(self, step: Trajectory, share: float) -> Trajectory:
         """Some share of a step further."""
         return Trajectory(self.u + share * step.u, self.a + share * step.a, self.x + share * step.x)
@@ -49,6 +54,11 @@ class Moment:
         """From the parameters of a program."""
         x, u, given = np.split(np.asarray(parameters, float), [t.nx, t.nx + t.nu])
         return cls(x, u, given.reshape(t.N, t.nr))
+
+    @property
+    def first(self) -> Moment:
+        """The same for the first interval alone."""
+        return replace(self, given=self.given[:1])
 
     def before(self, at: Trajectory) -> tuple[Array, Array]:
         """States and decisions before each interval of a trajectory (N×nx, N×nu)."""
