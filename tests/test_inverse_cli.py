@@ -111,6 +111,14 @@ def test_text(scene: Path) -> None:
         assert part in said
 
 
+def test_pressures_that_the_cost_leaves_open(tmp_path: Path) -> None:
+    path = tmp_path / "inextensible.toml"
+    path.write_text("[model]\nstrains = ['kappa_x', 'kappa_y']\n", encoding="utf-8")
+    found = answer(path, "--tip", "0.1,0.1,0.45", "--cost", "least-strain-energy")
+    assert found["pressures_by_moves_mpa"][0] == [None] * 3
+    assert "least-strain-energy does not settle the pressures" in found["warnings"][0]
+
+
 def test_other_sections_and_free_coordinates(scene: Path) -> None:
     found = answer(scene, "--tip", "1:-,0.01,0.28", "--tip", "0.02,-,0.58")
     assert found["tips_m"][0][1:] == pytest.approx([0.01, 0.28], abs=2e-6)
@@ -224,6 +232,8 @@ def test_ctrl_c_keeps_what_is_done(scene: Path, tmp_path: Path) -> None:
         (("--tip", "-,-,-"), "must be three numbers in m"),
         (("--tip", "a:0,0,0.5"), "is no section"),
         (("--tip", "3:0,0,0.5"), "has the sections 1 to 2"),
+        (("--tip", "0:0,0,0.5"), "target of section 0: this arm has the sections 1 to 2"),
+        (("--tip", "0,0,0.5", "--tip", "2:0,0,0.6"), "the tip of section 2 is given two"),
         (("--direction", "0,0,0"), "not all of them zero"),
         (("--direction", "0,-,1"), "is not a number"),
         (("--tip", "0,0,0.5", "--hold", "2"), "must be UNIT=MPA"),
@@ -231,6 +241,7 @@ def test_ctrl_c_keeps_what_is_done(scene: Path, tmp_path: Path) -> None:
         (("--tip", "0,0,0.5", "--hold", "P_9=0.1"), "held unit 9: this arm has the units 1 to 6"),
         (("--tip", "0,0,0.5", "--hold", "T_2=0.1"), "must be UNIT=MPA, such as 2=0.3 or P_2=0.3"),
         (("--tip", "0,0,0.5", "--hold", "2=3"), "must be between 0 and 1 MPa"),
+        (("--tip", "0,0,0.5", "--hold", "2=0.3", "--hold", "P_2=0.1"), "unit 2 twice, 0.3 and 0.1"),
         (("--tip", "0,0,0.5", "--cost", "most"), "least-pressure"),
         (("--targets", "missing.csv"), "No such file"),
     ],
@@ -251,7 +262,7 @@ def test_wrong_words(scene: Path, words: tuple[str, ...], said: str) -> None:
         ("x,y,z\n0,0,0.5\n0,b,0.5\n", "line 3: 'b' is not a number"),
         ("0,0,inf\n", "line 1: Position.place"),
         ("x,y,z,dx,dy,dz\n,,,,,\n0,0,0.5,0,0,0\n", "line 3: Direction.axis"),
-        ("0,0,0.5,0,,1\n", "line 1: Direction.axis"),
+        ("0,0,0.5,0,,1\n", "line 1: dx, dy, dz are three numbers, or all empty"),
     ],
 )
 def test_wrong_files(scene: Path, tmp_path: Path, text: str, said: str) -> None:

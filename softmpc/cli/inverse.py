@@ -19,10 +19,17 @@ from softmpc.cli.common import (
     write_text,
 )
 from softmpc.cli.sweep_options import sweep_options
-from softmpc.cli.target_options import Held, Place, SectionNumbers, read_targets, targets_from
+from softmpc.cli.target_options import (
+    Held,
+    Place,
+    SectionNumbers,
+    check_targets,
+    held_units,
+    read_targets,
+    targets_from,
+)
 
 if TYPE_CHECKING:
-    from softmpc.model.scene import Scene
     from softmpc.statics.inverse import InverseStatics
     from softmpc.statics.inverse_result import InverseResult
     from softmpc.statics.targets import Target
@@ -98,9 +105,11 @@ def command(
     if path and not file:
         raise click.UsageError("--path is for a file of --targets", click.get_current_context())
     cases = read_targets(file) if file else [targets_from(tip, direction, rotation)]
+    held = held_units(hold)
     title, parsed = load(scene)
-    _check_distance(parsed, cases)
-    held = {unit: pressure * 1e6 for unit, pressure in hold}
+    for number, targets in enumerate(cases, 1):
+        which = f"target {number} of {len(cases)}" if len(cases) > 1 else "the target"
+        check_targets(which, parsed, targets)
     inverse = InverseStatics(build(parsed), REST_COSTS[cost](), held)
     if file is None:
         return _one(inverse, cases[0], title, compare or COMPARED, out)
@@ -109,27 +118,13 @@ def command(
     return many(inverse, cases, title, path, compare or 1, workers, dask, out)
 
 
-def _check_distance(scene: Scene, cases: list[list[Target]]) -> None:
-    """Places out of reach have a nearest posture; but one so far away is in another unit."""
-    from softmpc.errors import InputError
-    from softmpc.statics.reach import FAR, too_far
-    from softmpc.statics.targets import Position
-
-    for number, targets in enumerate(cases, 1):
-        for target in targets:
-            if not isinstance(target, Position):
-                continue
-            if why := too_far(scene, target.place, target.section, FAR):
-                which = f"target {number} of {len(cases)}" if len(cases) > 1 else "the target"
-                raise InputError(f"{which} is far out of reach: {why}")
-
-
 def _one(
     inverse: InverseStatics, targets: list[Target], title: str, compare: int, out: Path | None
 ) -> Answer:
     found = inverse.solve(targets, compare=compare)
     data = {"title": title, "cost": inverse.cost.name, **summary(found)}
-    data |= {**_more(inverse, found), "warnings": warnings(found)}
+    data |= _more(inverse, found)
+    data["warnings"] = warnings(found) + _unsettled(data)
     if out:
         _write(out, inverse, found, title)
     status = OK if found.solved else NOT_CONVERGED
@@ -209,6 +204,19 @@ def warnings(found: InverseResult) -> list[str]:
             "raising these pressures from the straight arm leads to another posture than this one"
         )
     return said
+
+
+def _unsettled(data: dict[str, Any]) -> list[str]:
+    """Where the derivatives of the pressures are not numbers."""
+    from math import isfinite
+
+    slopes = data.get("pressures_by_moves_mpa", ())
+    if all(isfinite(slope) for row in slopes for slope in row):
+        return []
+    return [
+        f"the cost {data['cost']} does not settle the pressures: others hold the tip there at the "
+        "same cost, so how they follow a moved target is not known"
+    ]
 
 
 def _text(data: dict[str, Any]) -> str:

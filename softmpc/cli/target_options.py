@@ -12,9 +12,18 @@ from softmpc.cli.common import Numbers
 from softmpc.errors import InputError, errors_in
 
 if TYPE_CHECKING:
+    from softmpc.model.scene import Scene
     from softmpc.statics.targets import Target
 
-__all__ = ["Held", "Place", "SectionNumbers", "read_targets", "targets_from"]
+__all__ = [
+    "Held",
+    "Place",
+    "SectionNumbers",
+    "check_targets",
+    "held_units",
+    "read_targets",
+    "targets_from",
+]
 
 FREE = ("-", "")
 COLUMNS = ("x", "y", "z", "dx", "dy", "dz")
@@ -66,6 +75,19 @@ class Held(click.ParamType):
         return int(number), Numbers().convert(pressure, param, ctx)[0]
 
 
+def held_units(held: tuple[tuple[int, float], ...]) -> dict[int, float]:
+    """Pressures (Pa) by unit of all --hold; `InputError` where a unit is given twice."""
+    found: dict[int, float] = {}
+    for unit, pressure in held:
+        if unit in found:
+            raise InputError(
+                f"--hold gives unit {unit} twice, {found[unit] / 1e6:g} and {pressure:g} MPa: "
+                "give each unit once"
+            )
+        found[unit] = pressure * 1e6
+    return found
+
+
 def targets_from(
     tips: tuple[Given, ...], directions: tuple[Given, ...], rotations: tuple[Given, ...]
 ) -> list[Target]:
@@ -89,7 +111,29 @@ def _count(items: list[str], what: str) -> str:
 
 
 def _whole(numbers: list[float | None]) -> tuple[float, ...]:
-    return tuple(float("nan") if x is None else x for x in numbers)
+    if None in numbers:
+        raise InputError("dx, dy, dz are three numbers, or all empty: a direction has no free one")
+    return tuple(x for x in numbers if x is not None)
+
+
+def check_targets(which: str, scene: Scene, targets: list[Target]) -> None:
+    """Raise `InputError` for two wishes of a kind, and places so far that the unit is another."""
+    from softmpc.statics.reach import FAR, too_far
+    from softmpc.statics.targets import Position
+
+    sections, wishes = len(scene.manipulator.sections), set()
+    for target in targets:
+        target.check(sections)
+        section = target.index(sections) + 1
+        if (target.name, section) in wishes:
+            raise InputError(
+                f"the tip of section {section} is given two of {target.name}: give one"
+            )
+        wishes.add((target.name, section))
+        if not isinstance(target, Position):
+            continue
+        if why := too_far(scene, target.place, target.section, FAR):
+            raise InputError(f"{which} is far out of reach: {why}")
 
 
 def read_targets(path: Path) -> list[list[Target]]:

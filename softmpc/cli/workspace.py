@@ -19,7 +19,7 @@ from softmpc.cli.common import (
     table,
 )
 from softmpc.cli.sweep_options import executor_for, sweep_options
-from softmpc.cli.target_options import Held
+from softmpc.cli.target_options import Held, held_units
 
 if TYPE_CHECKING:
     from softmpc.model.model import Model
@@ -81,9 +81,9 @@ def command(
     """
     from softmpc.model.model import build
 
+    held = held_units(hold)
     title, parsed = load(scene)
     model = build(parsed)
-    held = {unit: pressure * 1e6 for unit, pressure in hold}
     space = _find(model, section, held, azimuths, polars, workers, dask, out).titled(title)
     data: dict[str, Any] = {"title": title, **space.summary()}
     if check:
