@@ -115,14 +115,14 @@ def undominated(candidates: Iterable[Candidate]) -> list[Candidate]:
 
 def rest_space(task: Task, tolerance_m: float) -> Space:
     """For the arm at rest: segments and mass, then strains that do not take part."""
-    scene = scene_from_dict(dict(task.document))
+    scene = task.scene
     rounds = combined([()], discretisations(scene))
     return Space(rounds, (*coarser_strains(scene),))
 
 
 def motion_space(task: Task, tolerance_m: float) -> Space:
     """For motions: besides, the error of a step, coarser drives, and effects left out."""
-    scene = scene_from_dict(dict(task.document))
+    scene = task.scene
     fine, loose = (_integration(share, tolerance_m / times) for times, share in STEPS)
     extras = [*coarser_strains(scene), *left_out(scene), *coarser_drives(scene), loose]
     return Space(combined([(fine,)], discretisations(scene)), tuple(extras))

@@ -17,7 +17,6 @@ from softmpc.accuracy.loop_task import (
 from softmpc.control.tracking import Setup
 from softmpc.errors import SceneError
 from softmpc.model.scene import Scene
-from softmpc.model.scene_file import scene_from_dict
 
 __all__ = ["doubted_error", "largest_error", "loop_error", "plant_changes", "plant_of"]
 
@@ -55,7 +54,7 @@ def doubted_error(task: Task, configuration: Configuration) -> Numbers:
     """
     setup = _setup(task, configuration)
     error, failures = largest_error(setup)
-    scene = scene_from_dict(dict(task.document))
+    scene = task.scene
     other, _ = largest_error(on_plant(setup, coarser(plant_of(task)), scene))
     return {"error_m": error, "doubt_m": abs(error - other), "failures": failures}
 

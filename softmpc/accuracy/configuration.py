@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from softmpc.errors import SceneError
+from softmpc.model.scene import Scene
+from softmpc.model.scene_file import scene_from_dict
 
 __all__ = ["AS_GIVEN", "Configuration", "Task", "changed"]
 
@@ -30,6 +32,11 @@ class Task:
     @property
     def title(self) -> str:
         return str(self.document.get("title", ""))
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the file as given."""
+        return scene_from_dict(dict(self.document))
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def tracking(task: Task, configuration: Configuration) -> tuple[Scene, Tracking]
     if configuration.variant not in ("", IN_C):
         raise SceneError(unknown_name("variant of a controller", configuration.variant, [IN_C]))
     document = configuration.document(task)
-    scene, own = scene_from_dict(dict(task.document)), scene_from_dict(document)
+    scene, own = task.scene, scene_from_dict(document)
     asked = read_tracking(document["track"], Path(task.folder), document)
     settings = asked.controller
     model = own if settings.scene is None else settings.scene
@@ -90,7 +90,7 @@ def fine_scene(task: Task) -> Scene:
 
     They are twice those of the scene's own plant and controller, or more.
     """
-    given, scene = _given(task), scene_from_dict(dict(task.document))
+    given, scene = _given(task), task.scene
     plant = scene if given.plant.scene is None else given.plant.scene
     model = scene if given.controller.scene is None else given.controller.scene
     wanted = max(SEGMENTS[task.quick], 2 * plant.segments, 2 * model.segments)

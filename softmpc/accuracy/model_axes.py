@@ -7,7 +7,6 @@ from typing import Any
 
 from softmpc.accuracy.configuration import Configuration, Task
 from softmpc.model.elasticity import EnergyElasticity, PrintedElasticity, StrainElasticity
-from softmpc.model.scene_file import scene_from_dict
 
 __all__ = ["AS_GIVEN", "model_axes", "reference_law", "segment_counts", "series"]
 
@@ -26,7 +25,7 @@ def segment_counts(task: Task) -> list[int]:
 
 def reference_law(task: Task) -> str:
     """The elastic law of all series: that of the scene, where it has one for any segments."""
-    law = scene_from_dict(dict(task.document)).formulation.elasticity.name
+    law = task.scene.formulation.elasticity.name
     return EnergyElasticity.name if law == PrintedElasticity.name else law
 
 

@@ -75,7 +75,7 @@ class Motion(Family):
         another method.
         """
         document = configuration.document(task)
-        scene, given = (scene_from_dict(dict(d)) for d in (document, task.document))
+        scene, given = scene_from_dict(document), task.scene
         _check_strains(scene, given, references[AS_GIVEN]["strains"])
         model = model_with(scene, configuration.variant)
         settings = settings_of(task, document, model)

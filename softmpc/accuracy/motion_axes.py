@@ -14,7 +14,7 @@ from softmpc.model.actuation import FrictionDrive, HydraulicDrive
 from softmpc.model.drive_effects import DriveEffect
 from softmpc.model.effects import EFFECTS, TipLoad
 from softmpc.model.scene import Scene
-from softmpc.model.scene_file import scene_from_dict, scene_to_dict
+from softmpc.model.scene_file import scene_to_dict
 from softmpc.study.changes import ADDED, Change
 from softmpc.study.variants import additions, variants
 
@@ -33,7 +33,7 @@ RARE = ("rotor_inertia", "cavitation", "end_stops", "back_driving")  # effects o
 
 def motion_axes(task: Task) -> Iterator[Configuration]:
     """All configurations, the scene as given first."""
-    scene = scene_from_dict(dict(task.document))
+    scene = task.scene
     yield from (one for one in model_axes(task) if _affordable(task, one))
     yield from _scene_axes(scene, task.quick)
     yield from integrator_axis(task)

@@ -14,7 +14,6 @@ from softmpc.accuracy.motion_task import PATIENCE, Moved, about_motion, model_of
 from softmpc.errors import SoftmpcError
 from softmpc.model.chain import Chain
 from softmpc.model.model import Model
-from softmpc.model.scene_file import scene_from_dict
 
 __all__ = [
     "AS_GIVEN", "COARSER", "FINE", "REFERENCES", "TIGHT_RUNS", "distances", "limit", "reference",
@@ -102,7 +101,7 @@ def _of_segments(task: Task, count: int, patience: float) -> Moved:
 
 
 def _counts(task: Task) -> tuple[int, ...]:
-    whole = Chain(scene_from_dict(dict(task.document))).beyond() is not None
+    whole = Chain(task.scene).beyond() is not None
     return (FEWER if whole else COUNTS)[task.quick]
 
 

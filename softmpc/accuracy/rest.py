@@ -46,7 +46,7 @@ class Rest(Family):
         return ("error_m", "frequency_error")
 
     def missing(self, task: Task) -> str:
-        scene = scene_from_dict(dict(task.document))
+        scene = task.scene
         if isinstance(scene.formulation.elasticity, PrintedElasticity):
             return (
                 "elasticity 'printed' depends on the number of segments, so there is nothing that "

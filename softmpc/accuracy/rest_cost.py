@@ -55,7 +55,7 @@ def rest_cost(task: Task, configuration: Configuration) -> Numbers:
 
 
 def _as_given(task: Task) -> Model:
-    return build(scene_from_dict(dict(task.document)))
+    return build(task.scene)
 
 
 def _check_size(model: Model, what: str) -> None:

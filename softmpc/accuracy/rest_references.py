@@ -20,7 +20,6 @@ from softmpc.model.kinematics import ConstantStrainArc
 from softmpc.model.mass import GaussMass
 from softmpc.model.model import Model, build
 from softmpc.model.scene import MAX_SEGMENTS, Scene
-from softmpc.model.scene_file import scene_from_dict
 from softmpc.simulation.settings import read_settings
 from softmpc.statics.equilibrium import Equilibrium, find_equilibrium
 from softmpc.statics.rest_limits import beyond_limits, rest_limits
@@ -48,7 +47,7 @@ def posture_names(task: Task) -> list[str]:
 
 def names(task: Task) -> list[str]:
     """All references of a task."""
-    moving = scene_from_dict(dict(task.document)).effect(Inertia) is not None
+    moving = task.scene.effect(Inertia) is not None
     return posture_names(task) + ([AT_ZERO, AT_BENT] if moving else [])
 
 
@@ -61,7 +60,7 @@ def reference(task: Task, name: str) -> Numbers:
     """
     if name not in names(task):
         raise InputError(unknown_name("reference", name, names(task)))
-    given = build(scene_from_dict(dict(task.document)))
+    given = build(task.scene)
     standard = _standard(task, given.scene)
     if name == AT_ZERO:
         return _frequencies(standard, np.zeros(given.scene.manipulator.units))
