@@ -171,6 +171,17 @@ def test_model_of_the_controller_is_asked_too(inverse: InverseStatics) -> None:
     assert find_preflight(inverse, flat, tracking_problem(planar), nodes=24).feasible
 
 
+def test_a_planar_arm_in_and_out_of_its_plane() -> None:
+    """Its tip does not move across the plane at all; to be slower would be no help there."""
+    planar = build(Scene(chen2022(), strains=("epsilon", "kappa_y")))
+    inverse, problem = InverseStatics(planar, starts=2), tracking_problem(planar)
+    flat = Reference(Line((0.1, 0, 0.57), (0.15, 0, 0.57)), TimeLaw(4.0, 1.0))
+    assert find_preflight(inverse, flat, problem, nodes=4).feasible
+    found = find_preflight(inverse, INSIDE, problem, nodes=4)
+    assert {one.kind for one in found.findings} == {"reach"}
+    assert np.isfinite(list(found.facts.values())).all()
+
+
 def test_response_is_that_of_the_simulated_arm(model: Model) -> None:
     """A small sine of one torque moves the tip as G says, once the start has died away."""
     pressures = np.array([0.3, 0.35, 0.4, 0.25, 0.3, 0.2]) * 1e6

@@ -26,6 +26,7 @@ HARMONICS = 30
 # The estimate knows neither the grid in time nor limits. At 0.2 to 0.4 s a lap closed loops were
 # off by 1.3 to 3.5 times as much (RMS): `python -m tests.benchmarks.speeds`.
 MEASURED = 3.5
+STILL = 1e-6  # of the way that an input moves the tip at most: it does not move there
 
 Array = np.ndarray
 
@@ -43,12 +44,13 @@ class AtSpeed:
         drift = path.position(np.array([1.0])) - path.position(np.array([0.0]))
         lap = np.fft.rfft(path.position(self.phase) - self.phase[:, None] * drift, axis=0)
         self.share = _main_share(lap)
-        to_input = np.linalg.pinv(response(0.0))  # inputs that move the tip so, at rest
-        self.gain = float(np.linalg.norm(np.linalg.inv(response(omega) @ to_input), 2))
+        to_input = _inverse(response(0.0))  # inputs that move the tip so, at rest
+        self.gain = float(np.linalg.norm(_inverse(response(omega) @ to_input), 2))
         off, more = np.zeros_like(lap), np.zeros((len(lap), len(to_input)), complex)
         for k in range(1, HARMONICS):
             u = _best_input(ocp, response, k * omega, lap[k])
-            off[k], more[k] = response(k * omega) @ u - lap[k], u - to_input @ lap[k]
+            at_rest = to_input @ lap[k]  # what of the path's motion is not to be had is no matter
+            off[k], more[k] = response(k * omega) @ u - response(0.0) @ at_rest, u - at_rest
         self.off = MEASURED * np.linalg.norm(np.fft.irfft(off, SAMPLES, axis=0), axis=1)
         first = np.ceil(self.law.smooth_start / self.law.lap_time)  # lap at full speed
         times = (first + self.phase) * self.law.lap_time + self.law.smooth_start / 2
@@ -59,6 +61,11 @@ class AtSpeed:
         """Rates of the inputs (N×k), 1/s."""
         step = self.law.lap_time / SAMPLES
         return np.asarray((np.roll(self.u, -1, axis=0) - self.u) / step)
+
+
+def _inverse(G: Array) -> Array:
+    """Of how the tip moves, but for ways on which it does not: those out of a plane, say."""
+    return np.asarray(np.linalg.pinv(G, rcond=STILL))
 
 
 def _best_input(ocp: Ocp, response: Response, omega: float, y: Array) -> Array:
