@@ -56,6 +56,13 @@ def given(model: Model, start: Start, d: np.ndarray) -> dict[str, np.ndarray]:
     return {"tip": np.tile(tip, (N, 1)), "disturbance": np.tile(d, (N, 1))}
 
 
+def test_default_forces_are_on_strains_that_are_there() -> None:
+    found = Disturbance.of(Scene(chen2022(), strains=("epsilon", "kappa_y")), inputs=False)
+    assert found.names == tuple(
+        f"force on {one}_{s}" for s in (1, 2) for one in ("epsilon", "kappa_y")
+    )
+
+
 def test_names_and_shapes(model: Model, disturbance: Disturbance) -> None:
     assert len(disturbance) == 12 and disturbance.names[1] == "force on kappa_x_1"
     assert disturbance.names[-1] == "offset of T_6"

@@ -39,15 +39,17 @@ class Disturbance:
 
     @classmethod
     def of(
-        cls, scene: Scene, strains: Sequence[str] = SEEN, inputs: bool | None = None
+        cls, scene: Scene, strains: Sequence[str] | None = None, inputs: bool | None = None
     ) -> Disturbance:
         """One force for each of these strains of each section, the same on all its segments.
 
         With `inputs` one offset for each input as well; by default where inputs are torques, for
-        the pressures that they leave can be measured. Twist is left out by default: a tip on its
-        section's axis does not move with it.
+        the pressures that they leave can be measured. The strains are by default all of the scene
+        but twist: a tip on its section's axis does not move with it.
         """
         layout = Layout.of(scene)
+        if strains is None:
+            strains = [kind for kind in SEEN if kind in scene.strains]
         for kind in strains:
             if kind not in scene.strains:
                 raise InputError(unknown_name("Disturbance strains", kind, scene.strains))

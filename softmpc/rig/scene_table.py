@@ -10,7 +10,7 @@ from softmpc.errors import SceneError, errors_in, unknown_name
 from softmpc.estimation.estimator import Spread
 from softmpc.estimation.process import ProcessNoise
 from softmpc.estimation.sensors import SENSORS, SectionTips, Sensor, UnitPressures
-from softmpc.model.disturbance import SEEN, Disturbance
+from softmpc.model.disturbance import Disturbance
 from softmpc.model.scene import STRAINS, Scene
 from softmpc.model.tables import Table
 from softmpc.rig.faults import FAULTS, Fault
@@ -28,7 +28,7 @@ class RigSettings:
     """What stands between controller and plant. Without `forces` and `offsets` no disturbance."""
 
     sensors: tuple[Sensor, ...] = (SectionTips(), UnitPressures())
-    forces: tuple[str, ...] = SEEN  # strains that an unknown force may push
+    forces: tuple[str, ...] | None = None  # strains that an unknown force may push; None: but twist
     offsets: bool | None = None  # of the inputs; None: of torques
     noise: ProcessNoise = field(default_factory=ProcessNoise)
     spread: Spread = field(default_factory=Spread)
@@ -54,7 +54,7 @@ def read_rig(data: object) -> RigSettings:
     estimator = Table(table.raw("estimator", {}), "[rig.estimator]")
     settings = RigSettings(
         sensors=sensors or RigSettings.sensors,
-        forces=estimator.strings("forces", SEEN, allowed=STRAINS),
+        forces=estimator.strings("forces", (), allowed=STRAINS) if "forces" in estimator else None,
         offsets=estimator.boolean("offsets") if "offsets" in estimator else None,
         noise=_numbers(ProcessNoise, estimator, "noise"),
         spread=_numbers(Spread, estimator, "spread"),
