@@ -128,7 +128,9 @@ def test_motors(model: Model) -> None:
     assert acting[:, 1].tolist() == [1, 2, 2, 2, 5, 6]
     assert acting[:, 0].tolist() == acting[:, 2].tolist() == [1, 2, 1.5, 2, 5, 6]
     with pytest.raises(InputError, match="units"):
-        Stuck(0, 1, units=(7,)).acting(np.zeros(6), np.zeros(6))
+        machine(model, Stuck(0, 1, units=(7,)))
+    with pytest.raises(InputError, match="no sensor 'motor_torque'"):
+        machine(model, Absent(0, 1, sensor="motor_torque"))
 
 
 def test_payload(model: Model) -> None:

@@ -157,6 +157,7 @@ def test_rest_is_kept(loop) -> None:
         (("horizon = 8", "grid = [2, 1]"), "grid.*begins with 1"),
         (("horizon = 8", "horizon = 8\ngrid = [1, 2]"), "grid has 2 lengths"),
         (("horizon = 8", "horizon = 8\nblocks = [1, 2]"), "blocks.*add up to the 8"),
+        (("horizon = 8", 'solver = "ipopt"\nblocks = [8]'), "blocks.*'ipopt'.*real-time or sqp"),
         (("horizon = 8", "horizon = 8\ntip_box = {z = [0.6, 0.5]}"), "lower one first"),
         (("horizon = 8", "horizon = 8\nbudget = 0"), "budget"),
         (("horizon = 8", "horizon = 8\nscene = 3"), "scene"),

@@ -16,7 +16,7 @@ from softmpc.control.limits import (
 )
 from softmpc.control.ocp import PRESSURE_EXCESS, Ocp
 from softmpc.control.solver import Solver
-from softmpc.control.solvers import SOLVERS, make_solver
+from softmpc.control.solvers import CONDENSING, SOLVERS, make_solver
 from softmpc.control.transcription import Transcription
 from softmpc.errors import SceneError
 from softmpc.model.model import Model
@@ -95,7 +95,7 @@ class ControllerSettings:
     def make_solver(self, transcription: Transcription) -> Solver:
         """The solver of that name, with those of its options that it takes."""
         options: dict[str, Any] = {}
-        if self.solver in ("real-time", "sqp"):
+        if self.solver in CONDENSING:
             options["blocks"] = self.blocks
         if self.solver != "real-time":
             options |= {"tolerance": self.tolerance, "max_iterations": self.max_iterations}
@@ -108,13 +108,14 @@ def read_controller(table: Table, scene: Scene | None = None) -> ControllerSetti
     """Settings of a table; raises `SceneError` naming the key, what was given and is allowed."""
     step = table.number("step", ControllerSettings.step, unit="s", low=1e-3, high=1.0)
     grid, horizon = _read_grid(table)
+    solver = table.string("solver", ControllerSettings.solver, SOLVERS)
     return ControllerSettings(
-        solver=table.string("solver", ControllerSettings.solver, SOLVERS),
+        solver=solver,
         step=step,
         horizon=horizon,
         stages=table.integer("stages", ControllerSettings.stages, low=1, high=5),
         grid=grid,
-        blocks=_read_blocks(table, horizon),
+        blocks=_read_blocks(table, horizon, solver),
         budget=_optional(table, "budget", unit="s", low=0.0, low_open=True, high=10.0),
         terminal=table.string("terminal", ControllerSettings.terminal, TERMINALS),
         hessian=table.string("hessian", "gauss-newton", ("gauss-newton", "exact")),
@@ -160,10 +161,15 @@ def _read_grid(table: Table) -> tuple[tuple[float, ...], int]:
     return grid, horizon
 
 
-def _read_blocks(table: Table, horizon: int) -> tuple[int, ...] | None:
+def _read_blocks(table: Table, horizon: int, solver: str) -> tuple[int, ...] | None:
     """How many intervals share each move."""
     if "blocks" not in table:
         return None
+    if solver not in CONDENSING:
+        raise SceneError(
+            f"{table.where} blocks: the solver {solver!r} shares no moves; leave them out, or take "
+            f"{' or '.join(CONDENSING)}"
+        )
     given = table.vector("blocks", None, low=1.0, high=500.0)
     blocks = tuple(int(count) for count in given)
     if any(a != b for a, b in zip(blocks, given, strict=True)) or sum(blocks) != horizon:

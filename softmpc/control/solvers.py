@@ -13,7 +13,9 @@ from softmpc.control.solver import Solver
 from softmpc.control.transcription import Transcription
 from softmpc.errors import InputError, unknown_name
 
-__all__ = ["SOLVERS", "make_solver"]
+__all__ = ["CONDENSING", "SOLVERS", "make_solver"]
+
+CONDENSING = ("real-time", "sqp")  # by dense quadratic programs; moves may be shared
 
 
 def _real_time(

@@ -7,6 +7,7 @@ its way: a sample, the input that acts, the ticks at which the controller wakes,
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -54,6 +55,9 @@ class Fault:
         first, after = self.ticks
         return first <= tick < after
 
+    def check(self, sensors: Sequence[str], inputs: int) -> None:
+        """Raise `InputError` where a rig with these sensors and so many inputs cannot have it."""
+
     def __str__(self) -> str:
         return f"{self.name} from {self.start:g} s for {self.duration:g} s"
 
@@ -71,6 +75,13 @@ class SensorFault(Fault, ABC):
         super().__post_init__()
         if self.sensor not in SENSORS:
             raise InputError(unknown_name(f"sensor of fault {self.name!r}", self.sensor, SENSORS))
+
+    def check(self, sensors: Sequence[str], inputs: int) -> None:
+        if self.sensor not in sensors:
+            raise InputError(
+                f"fault {self.name!r}: the rig has no sensor {self.sensor!r}, only "
+                f"{', '.join(sensors)}"
+            )
 
     @abstractmethod
     def changed(self, sample: Sample, before: Sample | None) -> Sample | None:
@@ -140,6 +151,9 @@ class ActuatorFault(Fault, ABC):
         if not set(chosen) <= set(range(1, inputs + 1)):
             raise InputError(f"fault {self.name!r}: units = {chosen}: must be from 1 to {inputs}")
         return [unit - 1 for unit in chosen]
+
+    def check(self, sensors: Sequence[str], inputs: int) -> None:
+        self.rows(inputs)
 
     @abstractmethod
     def acting(self, u: Array, before: Array) -> Array:

@@ -17,7 +17,7 @@ from softmpc.rig.machine import Machine
 from softmpc.rig.pilot import Act, Pilot
 from softmpc.simulation.integrator import IntegrationError
 
-__all__ = ["Flight", "fly"]
+__all__ = ["Flight", "check_cap", "fly"]
 
 Array = np.ndarray
 Progress = Callable[[int, int], None]
@@ -113,6 +113,14 @@ def _interfere(pilot: Pilot, faults: Sequence[Fault], tick: int, usual: _Usual) 
         usual.qp.max_iterations = 1 if SolverCap in now else usual.iterations
 
 
+def check_cap(quadratic: bool) -> None:
+    """Raise `InputError` for a fault `SolverCap` of a solver without quadratic programs."""
+    if not quadratic:
+        raise InputError(
+            f"fault {SolverCap.name!r}: needs a solver of quadratic programs, real-time or sqp"
+        )
+
+
 @dataclass(frozen=True)
 class _Usual:
     """What faults of the controller change, as it is without them."""
@@ -124,8 +132,6 @@ class _Usual:
     @classmethod
     def of(cls, pilot: Pilot, faults: Sequence[Fault]) -> _Usual:
         qp = pilot.mpc.qp
-        if qp is None and any(isinstance(fault, SolverCap) for fault in faults):
-            raise InputError(
-                f"fault {SolverCap.name!r}: needs a solver of quadratic programs, real-time or sqp"
-            )
+        if any(isinstance(fault, SolverCap) for fault in faults):
+            check_cap(qp is not None)
         return cls(pilot.mpc.budget, qp, 0 if qp is None else qp.max_iterations)

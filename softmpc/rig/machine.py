@@ -9,10 +9,11 @@ import numpy as np
 
 from softmpc.estimation.sensing import Sample, Sensing
 from softmpc.estimation.sensors import TICK, Sensor
+from softmpc.model.model import Model
 from softmpc.rig.faults import ActuatorFault, Fault, PayloadDropped, SensorFault
 from softmpc.simulation.integrator import Integrator
 
-__all__ = ["Link", "Machine"]
+__all__ = ["Link", "Machine", "check_faults"]
 
 Array = np.ndarray
 
@@ -27,6 +28,12 @@ class Link:
     @property
     def ticks(self) -> int:
         return round(self.delay / TICK)
+
+
+def check_faults(faults: Sequence[Fault], sensors: Sequence[Sensor], plant: Model) -> None:
+    """Raise `InputError` for a fault of what is not there."""
+    for fault in faults:
+        fault.check([sensor.name for sensor in sensors], len(plant.layout.u))
 
 
 class Machine:
@@ -47,6 +54,7 @@ class Machine:
         self.plants, self.link, self.faults = dict(plants), link or Link(), tuple(faults)
         self.sensors, self.seed = tuple(sensors), seed
         self.model = self.plants[""].model
+        check_faults(self.faults, self.sensors, self.model)
 
     def reset(self, x: Array, u: Array, tick: int = 0) -> None:
         """Begin at a state and an input of the plant."""

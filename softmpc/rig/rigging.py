@@ -15,20 +15,22 @@ from softmpc.control.closed_loop import loop_result
 from softmpc.control.guide import PlanGuide
 from softmpc.control.loop_cost import loop_costs
 from softmpc.control.planned_start import is_at_rest
+from softmpc.control.solvers import CONDENSING
 from softmpc.control.state_map import StateMap
 from softmpc.control.track_result import TrackResult
 from softmpc.control.tracking import Setup, Tracking, read_track_file, ready, set_up
 from softmpc.errors import SceneError, errors_in
 from softmpc.estimation.estimator import Estimator
 from softmpc.estimation.process import Process
+from softmpc.estimation.sensing import Sensing
 from softmpc.estimation.sensors import TICK
-from softmpc.model.model import build
+from softmpc.model.model import Model, build
 from softmpc.model.payload import Payload
 from softmpc.model.scene import Scene
 from softmpc.model.scene_file import read_document
-from softmpc.rig.faults import PayloadDropped
-from softmpc.rig.loop import Flight, fly
-from softmpc.rig.machine import Machine
+from softmpc.rig.faults import PayloadDropped, SolverCap
+from softmpc.rig.loop import Flight, check_cap, fly
+from softmpc.rig.machine import Machine, check_faults
 from softmpc.rig.pilot import Pilot
 from softmpc.rig.result import RigResult
 from softmpc.rig.scene_table import RigSettings, read_rig
@@ -111,7 +113,10 @@ def rig_up(
             f"[track.controller] step = {task.controller.step:g} s: on a rig it must be a whole "
             "number of milliseconds"
         )
-    setup = set_up(scene, task, settings.disturbance, progress)
+    plant = build(scene if task.plant.scene is None else task.plant.scene)
+    with errors_in("[rig]"):
+        _check_fits(settings, task, plant)
+    setup = set_up(scene, task, settings.disturbance, progress, known=(plant,))
     if settings.wait and isinstance(setup.guide, PlanGuide):
         _check_rests(setup, settings.wait)
     mpc, disturbance = setup.controller, setup.ocp.disturbance
@@ -123,10 +128,19 @@ def rig_up(
         estimator = Estimator(process, settings.sensors, settings.spread, at)
         plants = _plants(setup, task, settings)
         machine = Machine(plants, settings.sensors, settings.link, settings.faults, settings.seed)
-        machine.reset(setup.start.x, setup.start.u)  # all that does not fit shows here
     supervisor = Supervisor(settings.supervision)
     pilot = Pilot(mpc, estimator, supervisor, setup.guide, settings.link.ticks)
     return Rig(setup, settings, machine, pilot, seen)
+
+
+def _check_fits(settings: RigSettings, task: Tracking, plant: Model) -> None:
+    """Raise where sensors or faults do not fit plant and controller."""
+    check_faults(settings.faults, settings.sensors, plant)
+    Sensing(settings.sensors, plant)
+    if any(isinstance(fault, PayloadDropped) for fault in settings.faults):
+        _without_payload(plant.scene)
+    if any(isinstance(fault, SolverCap) for fault in settings.faults):
+        check_cap(task.controller.solver in CONDENSING)
 
 
 def _check_rests(setup: Setup, wait: float) -> None:
@@ -141,16 +155,19 @@ def _plants(setup: Setup, task: Tracking, settings: RigSettings) -> Mapping[str,
     """The plant, and where a fault drops its payload that without."""
     plants = {"": setup.plant}
     if any(isinstance(fault, PayloadDropped) for fault in settings.faults):
-        scene = setup.plant.model.scene
-        kept = tuple(effect for effect in scene.effects if not isinstance(effect, Payload))
-        if len(kept) == len(scene.effects):
-            raise SceneError(
-                "fault 'payload_dropped': the plant carries none; add one to its scene, "
-                "[track.plant] scene = {effects = {payload = {mass = 0.2}}}"
-            )
-        light = build(replace(scene, effects=kept))
+        light = build(_without_payload(setup.plant.model.scene))
         plants[PayloadDropped.name] = task.plant.integrator(light)
     return plants
+
+
+def _without_payload(scene: Scene) -> Scene:
+    kept = tuple(effect for effect in scene.effects if not isinstance(effect, Payload))
+    if len(kept) == len(scene.effects):
+        raise SceneError(
+            "fault 'payload_dropped': the plant carries none; add one to its scene, "
+            "[track.plant] scene = {effects = {payload = {mass = 0.2}}}"
+        )
+    return replace(scene, effects=kept)
 
 
 # ---------------------------------------------------------------- the record
