@@ -22,6 +22,7 @@ from softmpc.rig.rigging import Rig, read_rig_file, rig_up
 from softmpc.rig.scene_table import RigSettings, read_rig
 from softmpc.rig.supervision import State
 from softmpc.simulation.integrator import IntegrationError
+from softmpc.view.rig import rig_figure
 
 SCENE = """
 schema = 1
@@ -228,6 +229,48 @@ def test_wrong_tables(
 def _used(table: dict[str, Any], scene: Scene) -> None:
     for sensor in read_rig(table).sensors:
         sensor.reading(build(scene))
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (Stuck(9.0, 1.0, units=(7,)), "units"),
+        (
+            NotANumber(9.0, 1.0, sensor="piston_speed"),
+            "no sensor 'piston_speed', only section_tips",
+        ),
+        (SolverCap(9.0, 1.0), "real-time or sqp"),
+    ],
+)
+def test_faults_of_what_is_not_there_are_refused_before_the_run(
+    fault: Fault, said: str, task: tuple[Scene, Tracking, RigSettings]
+) -> None:
+    scene, tracking, settings = task
+    converged = replace(tracking, controller=replace(tracking.controller, solver="ipopt"))
+    with pytest.raises(InputError, match=rf"^\[rig\]: fault.*{said}"):
+        rig_up(scene, converged, replace(settings, faults=(fault,)), _too_late)
+
+
+def _too_late(done: int, total: int) -> None:
+    raise AssertionError(f"the path is looked at, {done} of {total}")
+
+
+def test_planar_arms_need_no_choice_of_forces(task: tuple[Scene, Tracking, RigSettings]) -> None:
+    planar = replace(task[0], strains=("epsilon", "kappa_y"))
+    names = read_rig({}).disturbance(planar).names
+    assert "force on kappa_y_2" in names and not any("kappa_x" in name for name in names)
+
+
+def test_faults_do_not_stretch_the_picture(usual: RigResult) -> None:
+    """One that lasts longer than the run, one after its end, two at once."""
+    faults = (("stuck", 1.0, 3600.0), ("nan", 1.0, 1.5), ("spike", 90.0, 91.0))
+    made = rig_figure(replace(usual, faults=faults))
+    assert all(axes.get_xlim()[1] < 1.1 * usual.track.time[-1] for axes in made.axes)
+    last = made.axes[-1]
+    assert [text.get_text() for text in last.get_legend().get_texts()] == ["1: stuck", "2: nan"]
+    made.canvas.draw()
+    one, two = (text.get_window_extent() for text in last.texts)
+    assert not one.overlaps(two)
 
 
 @pytest.mark.slow

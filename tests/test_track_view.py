@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from softmpc.control.track_result import TrackResult
+from softmpc.model.actuation import PressureDrive
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
@@ -77,6 +78,22 @@ def test_what_is_out_of_reach_is_in_the_legends(model: Model) -> None:
     plain = tracking_figure(model, inside)
     said = {text.get_text() for one in plain.findobj(_is_legend) for text in one.get_texts()}
     assert "nearest in reach" not in said and "path out of reach" not in said
+
+
+def test_titles_stay_in_the_picture(model: Model) -> None:
+    made = tracking_figure(model, run_of(model, 3.0))
+    made.canvas.draw()
+    for axes in made.axes:
+        for title in (axes.title, axes._left_title):
+            assert title.get_window_extent().x1 <= made.bbox.x1
+
+
+def test_units_are_named_where_pressures_are_the_input(model: Model) -> None:
+    """matplotlib warned of a legend without names."""
+    driven = build(Scene(chen2022(), actuation=PressureDrive()))
+    made = control_figure(driven, run_of(model, 3.0))
+    named = [axes for axes in made.axes if axes.get_legend() is not None]
+    assert next(axes.get_title(loc="left") for axes in named) == "unit pressures"
 
 
 def test_steps_that_failed_are_marked_and_counted(model: Model) -> None:

@@ -18,7 +18,7 @@ from softmpc.view.style import (
     styled,
     width,
 )
-from softmpc.view.time_plots import TIME, draw_pressures, draw_solve_times, draw_torques
+from softmpc.view.time_plots import MOST_NAMES, TIME, draw_pressures, draw_solve_times, draw_torques
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +30,8 @@ __all__ = ["control_figure", "shade_out_of_reach"]
 
 MARKS = ("x", "+", "v", "s", "D")
 MOST_POINTS = 4000
+FEW_NAMES = 9  # beside one of the axes
+SMALL: dict[str, Any] = {"fontsize": 7, "labelspacing": 0.2}
 
 
 @styled
@@ -51,7 +53,10 @@ def control_figure(model: Model, result: Any) -> Figure:
         one.margins(x=0.01)
         one.tick_params(labelbottom=True)
     made.align_ylabels(axes)
-    legend_right(axes[0])
+    named = axes[0] if driven else axes[-2]  # torques or pressures
+    names = len(named.get_legend_handles_labels()[1])
+    if names <= MOST_NAMES:
+        legend_right(named, **({} if names <= FEW_NAMES else SMALL))
     legend_right(axes[-1])
     return made
 

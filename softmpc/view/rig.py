@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["estimate_figure", "rig_figure"]
 
-BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0, "step": "post"}
+BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0}
+TOGETHER = 0.02  # of the run
 STATE_COLOURS = ("#DDEBDD", "#F5E6B8", "#F3C9A5", "#E8A6A6")
 
 
@@ -116,13 +117,23 @@ def _draw_states(axes: Axes, result: RigResult) -> None:
 
 
 def _shade_faults(axes: Axes, result: RigResult, named: bool = False) -> None:
-    """A band over each fault; with `named` its number, and what it was in a legend."""
+    """A band over what of each fault is in the run; with `named` its number, and a legend.
+
+    Numbers of faults that begin together stand side by side.
+    """
+    last, starts = float(result.track.time[-1]), [start for _, start, _ in result.faults]
     for number, (what, start, end) in enumerate(result.faults, 1):
+        if start >= last:
+            continue
         name = f"{number}: {what.partition(' from ')[0]}" if named else None
-        axes.axvspan(start, end, color=GREY, alpha=0.25, linewidth=0, label=name)
+        axes.axvspan(start, min(end, last), color=GREY, alpha=0.25, linewidth=0, label=name)
+        beside = sum(abs(start - other) < TOGETHER * last for other in starts[: number - 1])
         if named:
-            axes.text(start, len(State) - 0.6, str(number), va="top", fontsize=8, color=INK)
-    if named and result.faults:
+            axes.annotate(
+                str(number), (start, len(State) - 0.6), (8 * beside, 0), va="top", fontsize=8,
+                textcoords="offset points", color=INK,
+            )  # fmt: skip
+    if axes.get_legend_handles_labels()[1] and named:
         legend_right(axes, handlelength=0.8)
 
 

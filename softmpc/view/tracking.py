@@ -147,7 +147,8 @@ def _draw_error(axes: Axes, result: Any) -> None:
     axes.plot(time, mean, color=INK, linewidth=1.1)
     axes.axvline(result.settle, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     what = "tip to nearest place in reach" if projected else "tip error"
-    label(axes, TIME, "tip error (mm)", f"{what}, counted from {result.settle:g} s on (dashed)")
+    counted = f"mean and range in each step, counted from {result.settle:g} s on (dashed)"
+    label(axes, TIME, "tip error (mm)", f"{what}\n{counted}")
     settled = error[result.time >= result.settle]
     if len(settled) and error.max() > 10 * settled.max():  # a start from afar
         axes.set_yscale("log")
