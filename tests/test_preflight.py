@@ -171,6 +171,18 @@ def test_model_of_the_controller_is_asked_too(inverse: InverseStatics) -> None:
     assert find_preflight(inverse, flat, tracking_problem(planar), nodes=24).feasible
 
 
+def test_a_horizon_shorter_than_the_arm_takes_to_answer_is_said(
+    model: Model, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As of an arm ten times as large, whose loop swung from limit to limit."""
+    posture = find_equilibrium(model, np.full(6, 0.3e6))
+    response = Response(model, posture.q, np.full(6, 0.3e6))
+    response.warn_of_short_sight(0.5)
+    assert not caplog.messages
+    response.warn_of_short_sight(0.1)
+    assert "looks 0.1 s ahead and the arm takes 0.1" in caplog.text
+
+
 def test_a_planar_arm_in_and_out_of_its_plane() -> None:
     """Its tip does not move across the plane at all; to be slower would be no help there."""
     planar = build(Scene(chen2022(), strains=("epsilon", "kappa_y")))

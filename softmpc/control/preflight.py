@@ -130,6 +130,7 @@ def find_preflight(
     limits, step = ocp.limits, ocp.step
     rest = find_rest_path(inverse, reference, nodes, progress)
     response = Response(inverse.model, rest.middle.q, rest.middle.pressures)
+    response.warn_of_short_sight(float(ocp.nodes[-1]))
     findings = [*_reach(rest), *_torque(rest, limits), *_rate(rest, limits, step)]
     fast = AtSpeed(rest, response, ocp)
     if any(isinstance(cost, TipPosition) for cost in ocp.costs):

@@ -7,6 +7,7 @@ K, D, M are the derivatives of the residual, A to D_u the matrices of the drive.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +16,8 @@ import numpy as np
 from softmpc.model.model import Model
 
 __all__ = ["Response"]
+
+LOG = logging.getLogger(__name__)
 
 Array = np.ndarray
 
@@ -66,6 +69,16 @@ class Response:
             to_rates = -np.linalg.solve(M, np.hstack([K, D]))
             poles = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [to_rates]]))
         return _slowest_first(poles)
+
+    def warn_of_short_sight(self, ahead: float) -> None:
+        """Say where a horizon (s) ends before the arm has answered: the loop may swing."""
+        poles = np.abs(self.arm_poles[:1])
+        if len(poles) and ahead * poles[0] < 1:
+            LOG.warning(
+                "the controller looks %.3g s ahead and the arm takes %.3g s to answer: if it "
+                "swings, give it a longer horizon or step in [track.controller]",
+                ahead, 1 / poles[0] if poles[0] else np.inf,
+            )  # fmt: skip
 
     @cached_property
     def drive_poles(self) -> Array:
