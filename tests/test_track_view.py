@@ -80,6 +80,17 @@ def test_what_is_out_of_reach_is_in_the_legends(model: Model) -> None:
     assert "nearest in reach" not in said and "path out of reach" not in said
 
 
+def test_the_plate_is_whole_and_takes_no_room(model: Model) -> None:
+    """As tall as the arm's box is, it once stuck out of the axes; the layout must not see it."""
+    huge = replace(run_of(model, 3.0), tips=10 * run_of(model, 3.0).tips)
+    for result in (run_of(model, 0.2), huge):
+        made = tracking_figure(model, result)
+        made.draw_without_rendering()  # warns where nothing fits
+        space = next(axes for axes in made.axes if hasattr(axes, "zaxis"))
+        plate = space.collections[0]
+        assert not plate.get_clip_on() and not plate.get_in_layout()
+
+
 def test_titles_stay_in_the_picture(model: Model) -> None:
     made = tracking_figure(model, run_of(model, 3.0))
     made.canvas.draw()

@@ -178,8 +178,12 @@ def draw_base(axes: Any, radius: float) -> None:
     """The plate that the arm is fixed to, at the origin; whole where it sticks out of the axes."""
     ring = np.array([np.cos(AROUND), np.sin(AROUND), 0 * AROUND]) * radius
     surface = np.stack([0 * ring, ring], axis=1)
-    axes.plot_surface(*surface, color=GREY, alpha=0.5, linewidth=0, shade=False, clip_on=False)
-    axes.plot(*ring, color=INK, linewidth=0.8, clip_on=False)
+    drawn = [
+        axes.plot_surface(*surface, color=GREY, alpha=0.5, linewidth=0, shade=False, clip_on=False),
+        *axes.plot(*ring, color=INK, linewidth=0.8, clip_on=False),
+    ]
+    for one in drawn:  # the layout takes three dimensions for two
+        one.set_in_layout(False)
 
 
 def draw_frames(axes: Any, places: Any, rotations: Any, size: float) -> None:

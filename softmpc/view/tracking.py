@@ -69,7 +69,8 @@ def _title(result: Any) -> str:
     )
     if not len(error):
         return str(title)
-    rms = f"{np.sqrt(np.mean(error**2)):.2g} mm RMS after {result.settle:g} s"
+    found = float(np.sqrt(np.mean(error**2)))
+    rms = f"{found:{'.2g' if found < 100 else '.0f'}} mm RMS after {result.settle:g} s"
     return f"{title}: {rms}" + (" from what is in reach" if projected else "")
 
 
@@ -147,7 +148,7 @@ def _draw_error(axes: Axes, result: Any) -> None:
     axes.plot(time, mean, color=INK, linewidth=1.1)
     axes.axvline(result.settle, color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     what = "tip to nearest place in reach" if projected else "tip error"
-    counted = f"mean and range in each step, counted from {result.settle:g} s on (dashed)"
+    counted = f"mean and range a step, counted from {result.settle:g} s on (dashed)"
     label(axes, TIME, "tip error (mm)", f"{what}\n{counted}")
     settled = error[result.time >= result.settle]
     if len(settled) and error.max() > 10 * settled.max():  # a start from afar
