@@ -7,13 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softmpc.model.effects import Gravity
+from softmpc.model.effects import Gravity, Payload
 from softmpc.model.model import Model, build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
 from softmpc.statics.equilibrium import find_equilibrium
+from softmpc.statics.rest_limits import rest_limits
 from softmpc.statics.workspace import find_workspace
 from softmpc.statics.workspace_check import check_workspace
+from softmpc.statics.workspace_edge import EdgeSearch
+from softmpc.statics.workspace_limits import ExtremeSearch
+from softmpc.statics.workspace_rays import RaySearch
+from softmpc.statics.workspace_result import Workspace
+from softmpc.statics.workspace_samples import Samples, box_samples, solve
+from softmpc.statics.workspace_shell import clenshaw_curtis
 
 PAPER = chen2022()
 ONE = replace(PAPER, sections=PAPER.sections[:1])
@@ -136,3 +143,52 @@ def test_lying_arm() -> None:
     assert np.abs(space.azimuths - np.arange(8) * np.pi / 4).max() > 0.01
     found = check_workspace(arm, space, 500, seed=6)
     assert found.outside < 1e-3 and found.unreachable == 0 and found.by_grid < 0.012
+
+
+def test_places_in_a_plane_of_any_azimuth_are_sought() -> None:
+    angles = np.radians([45.0, 225.0])
+    arm = replace(ONE, sections=(replace(ONE.sections[0], unit_angles=tuple(angles)),))
+    model = build(Scene(arm))
+    space = find_workspace(model, **COARSE | {"samples": 100})
+    assert space.dimension == 2 and space.shell is not None
+    assert check_workspace(model, space, 10, inside=10).filled > 0.8
+
+
+def sampled(model: Model, count: int = 100) -> Samples:
+    return solve(model, box_samples(rest_limits(model), count, 1), 2)
+
+
+def test_limits_where_the_optimum_is_straight() -> None:
+    """Pulled to one side by gravity, the arm is straight under no pressures at a limit."""
+    model = build(Scene(PAPER, effects=(Gravity((9.81, 0.0, 0.0)),)))
+    search, samples = ExtremeSearch(RaySearch(model, 2)), sampled(model)
+    assert search.find("radius", 1, 1, samples)[1] == np.inf
+    assert search.find("bending_angle", 1, -1, samples)[1] == 0.0
+
+
+@pytest.fixture(scope="module")
+def falling() -> Model:
+    """Standing, with a load under which it falls over."""
+    return build(Scene(PAPER, effects=(Gravity((0.0, 0.0, -9.81)), Payload(1.0))))
+
+
+def test_a_limit_is_at_least_that_of_the_samples(falling: Model) -> None:
+    samples = sampled(falling)
+    place, value = ExtremeSearch(RaySearch(falling, 2)).find("x", 2, 1, samples)
+    assert value >= samples.tips[:, 0].max() and place is not None and not place.best
+    assert find_equilibrium(falling, place.pressures).stable
+
+
+def test_no_rim_that_holds_leaves_no_shell(falling: Model) -> None:
+    samples, azimuths = sampled(falling), np.arange(4) * np.pi / 2
+    nodes, _ = clenshaw_curtis(5)
+    search = EdgeSearch(
+        lambda name, cases, share: [None] * len(cases), samples, np.eye(3), azimuths, nodes,
+        False, falling.scene.manipulator.length, rest_limits(falling),
+    )  # fmt: skip
+    edge = search.edge()
+    space = Workspace(
+        2, {}, 3, np.eye(3), azimuths, edge.rims, nodes, edge.outer, edge.inner, (), samples, 0.0
+    )
+    assert space.shell is None and np.isnan(space.volume)
+    assert np.array_equal(space.points, samples.tips)

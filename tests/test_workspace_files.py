@@ -116,7 +116,7 @@ def test_files(space: Workspace, tmp_path: Path) -> None:
 def test_files_of_a_curve(model: Model, tmp_path: Path) -> None:
     space = find_workspace(model, held={1: 0.0, 2: 0.0}, executor=1, **TINY)
     space.save(tmp_path)
-    again = Workspace.load(tmp_path / "workspace.npz")
+    again = Workspace.load(tmp_path)
     assert again.held == {1: 0.0, 2: 0.0} and again.shell is None
     assert np.array_equal(again.points, space.points)
     with (tmp_path / "workspace.csv").open(encoding="utf-8") as file:
@@ -128,8 +128,9 @@ def test_files_that_are_none(content: bytes | None, tmp_path: Path) -> None:
     path = tmp_path / "workspace.npz"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(InputError, match="no such file" if content is None else "not a saved"):
-        Workspace.load(path)
+    for given in (path, tmp_path):  # a folder stands for its file
+        with pytest.raises(InputError, match="no such file" if content is None else "not a saved"):
+            Workspace.load(given)
 
 
 # ---------------------------------------------------------------- pictures

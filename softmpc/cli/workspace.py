@@ -142,7 +142,12 @@ def _check(found: WorkspaceCheck) -> dict[str, Any]:
 def _warnings(space: Workspace) -> list[str]:
     """What is not as it should be, or not what one may take it for."""
     said = []
-    if space.shell is None and space.dimension:
+    if space.shell is None and space.dimension == 3:
+        said.append(
+            "no half-plane has both its ends confirmed, so there is no shell: mostly where the arm "
+            "falls over; the places in reach are those of the samples"
+        )
+    elif space.shell is None and space.dimension:
         said.append(
             f"the tip is bound to {KINDS[space.dimension]}: there is no shell, the places in reach "
             "are those of the samples"
@@ -158,6 +163,12 @@ def _warnings(space: Workspace) -> list[str]:
                 f"{name} surface: on {beyond} of {side.flags.size} rays equilibria go on that are "
                 "not stable, or not reached from rest; it ends where they begin"
             )
+    beyond = sum(e.place is not None and not e.place.best for e in space.extremes)
+    if beyond:
+        said.append(
+            f"limits: {beyond} of {len(space.extremes)} are the best that was confirmed; searches "
+            "went on to equilibria that are not stable, or not reached from rest"
+        )
     lost = [e for e in space.extremes if e.place is None]
     said += [f"no {e.sense} {e.quantity} of section {e.section} was found" for e in lost]
     return said
@@ -182,9 +193,9 @@ def _text(data: dict[str, Any], space: Workspace) -> str:
         ("the places in reach are", KINDS[data["dimension"]]),
     ]
     rows += [(f"{axis} (m)", row(ends)) for axis, ends in data["extents_m"].items()]
-    if data["dimension"] == 3:
+    if data["dimension"] == 3 and space.shell is not None:
         error = 1e3 * data["volume_error_m3"]
-        rows.append(("volume", f"{1e3 * data['volume_m3']:.3f} l, ± {error:.3f} l by the grid"))
+        rows.append(("volume", f"{1e3 * data['volume_m3']:.5g} l, ± {error:.2g} l by the grid"))
     if "area_m2" in data:
         rows.append(("area", f"{data['area_m2']:.5f} m²"))
     if space.shell is not None:
@@ -203,7 +214,7 @@ def _text(data: dict[str, Any], space: Workspace) -> str:
         c = data["check"]
         rows.append(("check", f"{c['samples']} postures, {c['outside_mm']:.3g} mm outside at most"))
         rows.append(("", f"{c['points']} points again, {c['unreachable_points']} unreachable"))
-        if space.shell is not None:
+        if c["filled"] == c["filled"]:  # a number
             rows.append(("", f"{100 * c['filled']:.1f} % of places between the surfaces in reach"))
     rows.append(("time", f"{data['wall_s']:.1f} s"))
     rows += [("warning", text) for text in data["warnings"]]

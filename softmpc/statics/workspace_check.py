@@ -18,8 +18,11 @@ from softmpc.statics.workspace_samples import Start, random_samples, solve
 
 __all__ = ["WorkspaceCheck", "check_workspace"]
 
-CLEARLY = 1e-4  # m outside the surfaces between their nodes: worth a search of its own
+CLEARLY = (
+    2e-4  # of the arm's length outside the surfaces between their nodes: worth a search of its own
+)
 NEIGHBOURS = 40  # places of the edge next to a ray, of which starts are taken
+DRAWS = 1000  # of places, before a shell counts as too thin for any
 STARTS = 12  # of them, at different limits
 
 
@@ -65,7 +68,7 @@ def check_workspace(
     else:
         outside = np.zeros(len(seen))
         rays = _Rays(model, space)
-        suspects = np.flatnonzero(away > CLEARLY)
+        suspects = np.flatnonzero(away > CLEARLY * model.scene.manipulator.length)
         searched = len(suspects)
         for k in suspects:
             outside[k] = rays.outside(seen.tips[k])
@@ -87,13 +90,18 @@ def _filled(model: Model, space: Workspace, count: int, rng: np.random.Generator
         return float("nan")
     inverse, last = InverseStatics(model, held=space.held), None
     found: list[bool] = []
-    low, high = space.extents.T
-    while len(found) < count:
-        places = rng.uniform(low, high, (count, 3))
+    own = space.points @ space.frame
+    low, high = own.min(axis=0), own.max(axis=0)
+    for _ in range(DRAWS):
+        drawn = rng.uniform(low, high, (count, 3))
+        drawn[:, 1] *= not space.shell.flat
+        places = drawn @ space.frame.T
         for place in places[space.shell.outside(places) == 0][: count - len(found)]:
             last = inverse.solve(Position(tuple(place), section=space.section), last)
             found.append(last.solved and last.stable)
-    return float(np.mean(found))
+        if len(found) == count:
+            break
+    return float(np.mean(found)) if found else float("nan")
 
 
 def _points_again(model: Model, space: Workspace) -> dict[str, Any]:

@@ -64,7 +64,9 @@ class EdgeSearch:
         for turn in range(ROUNDS):
             if not self._again(turn):
                 break
-        return Edge(self.rims, self._surface(1), self._surface(-1))
+        outer, inner = self._surface(1), self._surface(-1)
+        whole = self._shell(outer.radii, inner.radii)
+        return Edge(self.rims, outer, inner) if len(whole.known) else Edge(self.rims)
 
     # --- rims ----------------------------------------------------------------------------------
 
@@ -218,9 +220,9 @@ class EdgeSearch:
     def _outside(self) -> dict[Key, list[Place]]:
         """Samples outside what is known, by the node that is nearest."""
         radii = {sense: self._surface(sense).radii for sense in (1, -1)}
-        if not np.isfinite(radii[1]).any():
-            return {}
         shell = self._shell(radii[1], radii[-1])
+        if not len(shell.known):
+            return {}
         tips = self.samples.tips
         away = shell.outside(tips)
         rays = tips / np.maximum(self.samples.radii, 1e-12)[:, None]

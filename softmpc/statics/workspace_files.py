@@ -144,7 +144,8 @@ def _content(space: Workspace) -> dict[str, Any]:
 
 
 def load(path: Path) -> Workspace:
-    """Read a workspace.npz; raises `InputError` for a file that is none."""
+    """Read a workspace.npz, or that of a folder; raises `InputError` for a file that is none."""
+    path = path / "workspace.npz" if path.is_dir() else path
     with reading_npz(path, "workspace", (SCHEMA,)) as (about, content):
         grid = {name: content[name] for name in GRID}
         samples = Samples(*(content[f"samples_{name}"] for name in SAMPLES))

@@ -47,8 +47,9 @@ class Workspace:
 
     The outer surface is the farthest, the inner the nearest place on each ray from the base. What
     is between is not always in reach: the set may have holes. `dimension` is 3 for a body, 2 for a
-    surface, 1 for a curve, 0 for a point. A surface that is not flat, a curve and a point have no
-    shell (`outer` and `inner` are None); their places are in `samples`.
+    surface, 1 for a curve, 0 for a point. A surface that is not flat, a curve, a point, and a body
+    whose rims could not be confirmed have no shell (`outer` and `inner` are None); their places are
+    in `samples`.
     """
 
     section: int
@@ -78,13 +79,17 @@ class Workspace:
 
     @property
     def volume(self) -> float:
-        """Volume between the surfaces, m³."""
-        return self.shell.volume[0] if self.shell else 0.0
+        """Volume between the surfaces, m³; NaN for a body whose edge was not found."""
+        return self.shell.volume[0] if self.shell else self._unknown
 
     @property
     def volume_error(self) -> float:
         """How much the volume changes when every second node is left out, m³."""
-        return self.shell.volume[1] if self.shell else 0.0
+        return self.shell.volume[1] if self.shell else self._unknown
+
+    @property
+    def _unknown(self) -> float:
+        return float("nan") if self.dimension == 3 else 0.0
 
     @cached_property
     def grid_error(self) -> float:
@@ -119,7 +124,7 @@ class Workspace:
             names = ", ".join(sorted({e.quantity for e in self.extremes}))
             raise InputError(
                 f"extreme {wanted}: must be the 'smallest' or 'largest' of {names}, of a section "
-                f"from 1 to {self.section}"
+                f"from 1 to {max(e.section for e in self.extremes)}"
             )
         return found[wanted]
 
@@ -156,7 +161,7 @@ class Workspace:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Workspace:
-        """Read a workspace.npz; raises `InputError` for a file that is none."""
+        """Read a workspace.npz, or that of a folder; `InputError` for a file that is none."""
         from softmpc.statics.workspace_files import load
 
         return load(Path(path))

@@ -41,6 +41,12 @@ class Shell:
     flat: bool  # two opposite half-planes, and nothing between them
 
     @property
+    def known(self) -> np.ndarray:
+        """Numbers of the half-planes that have both rims and places between them."""
+        rims = np.isfinite(self.rims).all(axis=1)
+        return np.flatnonzero(np.isfinite(self.outer).any(axis=1) & rims)
+
+    @property
     def polars(self) -> np.ndarray:
         """Polar angles of the nodes (A×M), rad."""
         low, high = self.rims.T
@@ -144,8 +150,7 @@ class Shell:
     @cached_property
     def _filled(self) -> tuple[np.ndarray, ...]:
         """Rims and radii without gaps, of those half-planes that have any."""
-        full = np.flatnonzero(np.isfinite(self.outer).any(axis=1) & np.isfinite(self.rims[:, 0]))
-        radii = []
+        full, radii = self.known, []
         for surface in (self.outer, self.inner):
             rows = [
                 np.interp(self.nodes, self.nodes[good], row[good])
