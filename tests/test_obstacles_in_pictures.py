@@ -19,6 +19,7 @@ from softmpc.view import animation
 from softmpc.view.arm import Arm
 from softmpc.view.motion import motion_figure
 from softmpc.view.obstacles import draw_cuts, draw_obstacles
+from softmpc.view.posture import posture_figure
 
 BOX = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]])
 POST = Cylinder(point=(-0.2, 0.0, 0.4), axis=(0.0, 1.0, 0.0), radius=0.05)
@@ -141,6 +142,17 @@ def test_obstacles_are_in_the_pictures(obstacles: tuple[Obstacle, ...]) -> None:
     space, plane = made.axes[:2]
     assert any(at_post(corners) for corners in faces_of(space)) == bool(obstacles)
     assert len(plane.collections) == (2 if obstacles else 0)  # filled, and its outline
+
+
+@pytest.mark.parametrize("obstacles", [(), (POST,)])
+def test_obstacles_are_in_the_pictures_of_a_posture(obstacles: tuple[Obstacle, ...]) -> None:
+    effects = (*default_effects(), *([Contact(obstacles=obstacles)] if obstacles else []))
+    model = model_of(PAPER, effects=effects)
+    made = posture_figure(model, np.zeros(model.strains))
+    names = [text.get_text() for text in made.legends[0].get_texts()]
+    assert ("obstacle" in names) == bool(obstacles)
+    assert any(at_post(corners) for corners in faces_of(made.axes[0])) == bool(obstacles)
+    assert len(made.axes[1].collections) == (2 if obstacles else 0)
 
 
 @pytest.mark.parametrize("obstacles", [(), (POST,)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,11 +25,14 @@ __all__ = [
     "draw_line",
     "draw_tube",
     "even_ticks",
+    "smooth",
     "space",
+    "zoom_within",
 ]
 
 AROUND = np.linspace(0, 2 * np.pi, 25)
 RINGS = 25  # of a section, at most
+FINE_POINTS = 61  # of a smooth line
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,14 @@ class Arm:
         return np.stack(np.split(blocks, len(self.radii), axis=1))
 
 
+def smooth(line: np.ndarray) -> np.ndarray:
+    """More points on a centre line (points × 3), so that its chords do not show."""
+    from scipy.interpolate import CubicSpline
+
+    given = np.linspace(0, 1, len(line))
+    return np.asarray(CubicSpline(given, line)(np.linspace(0, 1, FINE_POINTS)))
+
+
 def box_of(*places: Any, margin: float = 0.0) -> np.ndarray:
     """Lowest and highest corner (2×3) around finite points (…×3) with a margin, never flat."""
     points = np.concatenate([np.asarray(p, float).reshape(-1, 3) for p in places])
@@ -101,23 +113,48 @@ def space(
     return axes
 
 
+def zoom_within(box: np.ndarray, elevation: float, height: float) -> float:
+    """The zoom at which `box` takes this share of the axes' height, seen from there (degrees)."""
+    wide, deep, tall = box[1] - box[0]
+    up = np.radians(elevation)
+    seen = tall * np.cos(up) + 0.7 * (wide + deep) * np.sin(up)
+    return float(height * np.linalg.norm(box[1] - box[0]) / seen)
+
+
 def _tidy(axes: Any, box: np.ndarray) -> None:
-    """White panes, thin grid, the same ticks on each axis."""
+    """White panes, thin grid, the same ticks on each axis, and room for their numbers."""
+    digits = max(0, -math.floor(math.log10(_step(box)) + 1e-9))
     for axis, ends in zip((axes.xaxis, axes.yaxis, axes.zaxis), box.T, strict=True):
         axis.set_pane_color((1, 1, 1, 0))
         axis._axinfo["grid"].update(color="#DDDDDD", linewidth=0.5)
         axis.labelpad = 1
         even_ticks(axis, ends, box)
     axes.tick_params(pad=0)
+    axes.zaxis.labelpad += 4 * max(0, digits - 1)  # the name stands beside the numbers
+    axes.zaxis.set_tick_params(pad=2 * max(0, digits - 1))
 
 
 def even_ticks(axis: Any, ends: np.ndarray, box: np.ndarray) -> None:
     """Ticks at the same round step for every side of `box`, none in the corners."""
+    axis.set_ticks(_ticks(_step(box), ends, box))
+
+
+def _step(box: np.ndarray) -> float:
+    """At most 8 steps along the longest side.
+
+    A finer one where a side had but one tick, and there is room for its numbers.
+    """
     size = (box[1] - box[0]).max()
     decade = 10.0 ** np.floor(np.log10(size))
-    step = decade * next(s for s in (0.2, 0.5, 1, 2) if size < 8 * s * decade)
-    low, high = ends + 0.04 * size * np.array([1, -1])
-    axis.set_ticks(step * np.arange(np.ceil(low / step), np.floor(high / step) + 1))
+    steps = decade * np.array([0.1, 0.2, 0.5, 1, 2])
+    k = next(k for k in range(1, len(steps)) if size < 8 * steps[k])
+    fewest = min(len(_ticks(steps[k], ends, box)) for ends in box.T)
+    return float(steps[k - 1] if fewest < 2 and steps[k - 1] > 0.09 else steps[k])
+
+
+def _ticks(step: float, ends: np.ndarray, box: np.ndarray) -> np.ndarray:
+    low, high = ends + 0.04 * (box[1] - box[0]).max() * np.array([1, -1])
+    return np.asarray(step * np.arange(np.ceil(low / step), np.floor(high / step) + 1))
 
 
 def draw_line(

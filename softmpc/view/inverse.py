@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.statics.targets import Direction, Orientation, Position
-from softmpc.view.arm import Arm, box_of, draw_base, draw_line, space
+from softmpc.view.arm import Arm, box_of, draw_base, draw_line, space, zoom_within
+from softmpc.view.obstacles import draw_obstacles
 from softmpc.view.posture import draw_posture, legend_below
 from softmpc.view.style import ALARM, COLOURS, GREY, INK, figure, styled
 
@@ -83,7 +84,9 @@ def batch_figure(
     lines = arm.sections(found[0].q)
     box = box_of(tips, *lines, np.reshape([place for _, place in pairs], (-1, 3)), margin=0.02)
     made = figure(7.0, 6.2, title)
-    axes = space(made, made.add_gridspec(1, 1)[0], box, arm.hangs)
+    zoom = min(1.0, zoom_within(box, 14, 0.85))
+    axes = space(made, made.add_gridspec(1, 1)[0], box, arm.hangs, zoom=zoom)
+    draw_obstacles(axes, arm.obstacles, box)
     draw_base(axes, 2 * max(arm.radii))
     draw_line(axes, lines, width=2.0, alpha=0.5)
     for tip, place in pairs:
@@ -97,5 +100,5 @@ def batch_figure(
     if len(loose):
         axes.plot(*loose.T, "o", color=INK, markersize=7, fillstyle="none",
                   label=f"not stable: {len(loose)}")  # fmt: skip
-    made.legend(loc="outside upper left", ncols=4)
+    made.legend(loc="outside lower center", ncols=4)
     return made

@@ -99,10 +99,10 @@ def draw_outlines(axes: Axes, obstacles: tuple[Obstacle, ...], box: np.ndarray) 
 
 
 def obstacle_key() -> Patch:
-    """What stands for obstacles in a legend."""
-    from matplotlib.patches import Patch
+    """What stands for obstacles in a legend; of no size where it is drawn itself."""
+    from matplotlib.patches import Rectangle
 
-    return Patch(**FILL, edgecolor=GREY, label="obstacle")
+    return Rectangle((0, 0), 0, 0, **FILL, edgecolor=GREY, label="obstacle")
 
 
 def _depths(obstacle: Obstacle, places: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.view.arm import Arm, even_ticks
+from softmpc.view.arm import Arm, even_ticks, smooth
 from softmpc.view.style import GREY, INK, colour, label
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 __all__ = ["COARSE", "base_plate", "draw_band", "draw_shape", "frame_plane", "key"]
 
 COARSE: dict[str, Any] = {"linestyle": (0, (5, 1.5)), "linewidth": 1.2}  # the paper's formulation
-FINE_POINTS = 60  # of a section's centre line
 
 
 def frame_plane(axes: Axes, arm: Arm, box: np.ndarray, title: str = "", down: bool = False) -> None:
@@ -31,13 +30,13 @@ def frame_plane(axes: Axes, arm: Arm, box: np.ndarray, title: str = "", down: bo
 
 def draw_shape(axes: Axes, lines: list[np.ndarray], **look: Any) -> None:
     """The centre line, a colour a section."""
-    for s, line in enumerate(map(_smooth, lines)):
+    for s, line in enumerate(map(smooth, lines)):
         axes.plot(line[:, 0], line[:, 2], **{"color": colour(s), "linewidth": 1.5, **look})
 
 
 def draw_band(axes: Axes, lines: list[np.ndarray], radii: list[float], alpha: float = 1.0) -> None:
     """The arm as wide as it is, a colour a section, with its end discs."""
-    for s, (line, radius) in enumerate(zip(map(_smooth, lines), radii, strict=True)):
+    for s, (line, radius) in enumerate(zip(map(smooth, lines), radii, strict=True)):
         middle = line[:, [0, 2]]
         along = np.gradient(middle, axis=0)
         across = along[:, ::-1] * [1, -1] / np.linalg.norm(along, axis=1)[:, None]
@@ -47,14 +46,6 @@ def draw_band(axes: Axes, lines: list[np.ndarray], radii: list[float], alpha: fl
         for end in (0, -1):
             disc = np.stack([left[end], right[end]])
             axes.plot(*disc.T, color=INK, linewidth=0.8, zorder=2.3)
-
-
-def _smooth(line: np.ndarray) -> np.ndarray:
-    """More points on a centre line, so that its chords do not show."""
-    from scipy.interpolate import CubicSpline
-
-    given = np.linspace(0, 1, len(line))
-    return np.asarray(CubicSpline(given, line)(np.linspace(0, 1, FINE_POINTS)))
 
 
 def base_plate(arm: Arm) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, space
+from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, space, zoom_within
 from softmpc.view.style import COLOURS, GREY, INK, figure, styled
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ __all__ = ["INNER", "OUTER", "VIEW", "draw_shell", "limit_postures_figure", "wor
 
 OUTER, INNER = COLOURS[0], COLOURS[1]
 VIEW = (18, -62)  # degrees: elevation, and azimuth of the eye
+FRONT = (14, -62)  # the same for postures
 CUT = 85.0  # degrees to either side of the eye that the outer surface leaves open
 FINE = 3  # facets between two half-planes
 
@@ -36,7 +37,8 @@ def workspace_figure(
     arm = Arm(model)
     box = box_of(workspace.points, np.zeros((1, 3)), margin=1.2 * max(arm.radii))
     made = figure(7.2, 6.0, title)
-    axes = space(made, 111, box, arm.hangs, view=VIEW, zoom=1.12)
+    zoom = min(1.12, zoom_within(box, VIEW[0], 0.85))
+    axes = space(made, 111, box, arm.hangs, view=VIEW, zoom=zoom)
     draw_base(axes, 2 * max(arm.radii))
     if workspace.shell is None or workspace.dimension < 3:
         axes.plot(*workspace.points.T, ".", color=OUTER, markersize=2.5, label="places in reach")
@@ -104,9 +106,9 @@ def limit_postures_figure(
     shapes = {name: arm.sections(q) for name, q in postures.items()}
     box = box_of(*(line for lines in shapes.values() for line in lines), margin=2 * max(arm.radii))
     made = figure(4.6 * len(shapes) + 0.4, 4.2, title)
-    grid = made.add_gridspec(1, len(shapes))
+    grid, zoom = made.add_gridspec(1, len(shapes)), zoom_within(box, FRONT[0], 0.7)
     for k, (name, lines) in enumerate(shapes.items()):
-        axes = space(made, grid[k], box, arm.hangs, zoom=1.08)
+        axes = space(made, grid[k], box, arm.hangs, FRONT, min(1.08, zoom))
         draw_base(axes, 2 * max(arm.radii))
         draw_tube(axes, lines, arm.radii, alpha=0.45)
         draw_line(axes, lines)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.view.arm import Arm, box_of, even_ticks
+from softmpc.view.arm import Arm, box_of, even_ticks, smooth
 from softmpc.view.style import ALARM, GREY, colour, dash, figure, label, styled
 from softmpc.view.workspace import INNER, OUTER
 
@@ -57,7 +57,9 @@ def workspace_cut_figure(
     near = tips[np.abs(tips[:, 1]) < SLICE * model.scene.manipulator.length]
     curves = _curves(workspace)
     everything = [*(line for lines in shapes.values() for line in lines), near, *curves.values()]
-    box = box_of(*everything, np.zeros((1, 3)), margin=1.2 * max(arm.radii))
+    radius = max(arm.radii)
+    base = np.array([[-radius, 0, 0], [radius, 0, 0]])  # the margin shows the rest of its plate
+    box = box_of(*everything, base, margin=1.2 * radius)
     made = figure(7.0, 6.4, title)
     axes = made.add_subplot()
     axes.plot(near[:, 0], near[:, 2], ".", color=GREY, markersize=2.5, label="sampled, near y = 0")
@@ -65,7 +67,6 @@ def workspace_cut_figure(
         shade = OUTER if name.startswith("outer") else INNER
         axes.plot(curve[:, 0], curve[:, 2], color=shade, linewidth=2.0, label=name)
     _draw_postures(axes, shapes)
-    radius = max(arm.radii)
     axes.plot([-2 * radius, 2 * radius], [0, 0], color=GREY, linewidth=4)
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlim(*box[:, 0])
@@ -80,7 +81,7 @@ def workspace_cut_figure(
 def _draw_postures(axes: Axes, shapes: dict[str, list[np.ndarray]]) -> None:
     """Each posture in a line style of its own, its sections in their colours."""
     for k, (name, lines) in enumerate(shapes.items()):
-        for i, line in enumerate(lines):
+        for i, line in enumerate(map(smooth, lines)):
             axes.plot(line[:, 0], line[:, 2], color=colour(i + 2), linewidth=2.2, linestyle=dash(k))
         axes.plot(
             [], [], color=colour(2), linewidth=2.2, linestyle=dash(k), label=f"posture: {name}"
