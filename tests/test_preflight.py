@@ -9,7 +9,7 @@ from softmpc.control.at_speed import AtSpeed
 from softmpc.control.limits import TorqueLimit, TorqueRateLimit
 from softmpc.control.ocp import Ocp, tracking_problem
 from softmpc.control.paths import Circle, FigureEight, Helix, Line, Reference, TimeLaw
-from softmpc.control.preflight import find_preflight
+from softmpc.control.preflight import Finding, find_preflight
 from softmpc.control.response import Response
 from softmpc.control.rest_path import find_rest_path, lap_of
 from softmpc.model.model import Model, build
@@ -181,6 +181,12 @@ def test_a_horizon_shorter_than_the_arm_takes_to_answer_is_said(
     assert not caplog.messages
     response.warn_of_short_sight(0.1)
     assert "looks 0.1 s ahead and the arm takes 0.1" in caplog.text
+
+
+def test_what_is_found_is_called_after_the_input() -> None:
+    found = Finding("torque rate", 0.0, 1.0, (0.1, 0.0, 0.5), 2e5, "Pa/s")
+    assert "pressure at rest changes faster than allowed by up to 200000 Pa/s" in found.text
+    assert "torque at rest changes faster" in replace(found, unit="N·m/s").text
 
 
 def test_a_planar_arm_in_and_out_of_its_plane() -> None:

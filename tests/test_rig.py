@@ -251,6 +251,16 @@ def test_faults_of_what_is_not_there_are_refused_before_the_run(
         rig_up(scene, converged, replace(settings, faults=(fault,)), _too_late)
 
 
+def test_a_fault_after_the_end_of_the_run_is_said(
+    task: tuple[Scene, Tracking, RigSettings], caplog: pytest.LogCaptureFixture
+) -> None:
+    scene, tracking, settings = task
+    converged = replace(tracking, controller=replace(tracking.controller, solver="fatrop"))
+    with pytest.raises(InputError):  # before the path is looked at
+        rig_up(scene, converged, replace(settings, faults=(Stuck(9.0, 1.0), SolverCap(1.0, 1.0))))
+    assert caplog.messages == ["fault stuck from 9 s for 1 s: the run ends at 2.5 s"]
+
+
 def _too_late(done: int, total: int) -> None:
     raise AssertionError(f"the path is looked at, {done} of {total}")
 

@@ -115,5 +115,13 @@ def test_steps_that_failed_are_marked_and_counted(model: Model) -> None:
     assert {"failed (1)", "budget overrun (1)", "iteration cap (1)"} <= names
 
 
+def test_a_summary_has_the_same_keys_whatever_is_in_reach(model: Model) -> None:
+    result = run_of(model, 3.0)
+    inside = replace(result, followed=result.reference, out_of_reach=None, jumps=None)
+    far, near = result.summary(), inside.summary()
+    assert list(far) == list(near) and far["jumps_s"] == [1.6] and near["jumps_s"] == []
+    assert near["rms_reachable_error_mm"] is None and far["rms_reachable_error_mm"] > 0
+
+
 def _is_legend(artist: object) -> bool:
     return type(artist).__name__ == "Legend"

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 LINES = 6  # of what is infeasible, for people
+ROUNDING = 1e-9  # mm, or of an input
 CHECKING = "checking the path", "place"
 
 
@@ -237,7 +238,7 @@ def _text(data: dict[str, Any]) -> str:
     settled = f"mm after {data['settle_s']:g} s"
     rows: list[tuple[str, object]] = [("status", data["status"])]
     rows += [
-        (name, f"{data[key]:.4g} {unit}")
+        (name, f"{data[key] if abs(data[key]) > ROUNDING else 0:.4g} {unit}")
         for name, key, unit in (
             ("RMS tip error", "rms_error_mm", settled),
             ("largest tip error", "max_error_mm", settled),

@@ -85,6 +85,8 @@ class Finding:
             "planned torque rate": "torque of the plan changes faster than allowed",
             "start": "the plant cannot rest where the plan begins, it is off",
         }[self.kind]
+        if self.unit.startswith("Pa"):  # pressures are the input
+            what = what.replace("torque", "pressure")
         note = f" ({self.note})" if self.note else ""
         when = f"t = {self.start:.2f} to {self.end:.2f} s"
         amount = f"{self.excess:{'.0f' if self.excess >= 100 else '.3g'}} {self.unit}"

@@ -143,13 +143,12 @@ class TrackResult:
         }
 
     def _of_reach(self) -> dict[str, Any]:
-        """Errors from what is in reach, where the path is not."""
-        lines = {"infeasible": list(self.findings)}
-        if self.followed is None or np.array_equal(self.followed, self.reference):
-            return lines
-        off = 1e3 * self.reachable_error[self.counted]
+        """Errors from what is in reach; None where the path itself is followed."""
+        projected = self.followed is not None and not np.array_equal(self.followed, self.reference)
+        off = 1e3 * self.reachable_error[self.counted] if projected else np.zeros(0)
         most = 1e3 * float(self.out_of_reach.max()) if self.out_of_reach is not None else None
-        return lines | {
+        return {
+            "infeasible": list(self.findings),
             "out_of_reach_mm": most,
             "jumps_s": [] if self.jumps is None else self.jumps.tolist(),
             "rms_reachable_error_mm": float(np.sqrt(np.mean(off**2))) if len(off) else None,

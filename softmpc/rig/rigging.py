@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
@@ -39,6 +40,7 @@ from softmpc.simulation.integrator import Integrator
 
 __all__ = ["Rig", "RigDeputy", "read_rig_file", "rig_up", "run_rig_file"]
 
+LOG = logging.getLogger(__name__)
 Array = np.ndarray
 Progress = Callable[[int, int], None]
 
@@ -136,6 +138,9 @@ def rig_up(
 def _check_fits(settings: RigSettings, task: Tracking, plant: Model) -> None:
     """Raise where sensors or faults do not fit plant and controller."""
     check_faults(settings.faults, settings.sensors, plant)
+    for fault in settings.faults:
+        if fault.start >= task.reference.duration:
+            LOG.warning("fault %s: the run ends at %g s", fault, task.reference.duration)
     Sensing(settings.sensors, plant)
     if any(isinstance(fault, PayloadDropped) for fault in settings.faults):
         _without_payload(plant.scene)
