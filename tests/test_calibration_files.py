@@ -122,6 +122,12 @@ fit = false
         (PARAMETER + RADIUS + AT + "section = 5\n", "section = 5: this arm has 1 to 2"),
         (PARAMETER + RADIUS.replace("radius", "settling_time"), "settling_time needs a motion"),
         (PARAMETER + '[[motion]]\ninputs = "none.csv"\nmeasured = "n"\n', "none.csv: no such file"),
+        (
+            PARAMETER + POSE.replace("0.1 }", "100 }"),
+            "x_2: .*is 100 m from the base.*are these metres",
+        ),
+        (PARAMETER + POSE.replace("0, 0]", "0, 60]"), r"60 MPa is far beyond .*, 1 MPa"),
+        (PARAMETER + PARAMETER.replace("sections", "sections[2]") + POSE, "one of sections.mass"),
         (PARAMETER + '[[tie]]\npath = "sections.mass"\nto = "sections.length"\n' + POSE, "twice"),
     ],
 )
@@ -129,6 +135,11 @@ def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
         problem(tmp_path, text)
     assert "data.toml" in str(caught.value)
+
+
+def test_no_file_at_all(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no such file; the folder .* has no TOML file"):
+        load_calibration(tmp_path / "data.toml", SCENE)
 
 
 POSES = PARAMETER + '[[poses]]\ntable = "table.csv"\nsigma_m = 0.001\n'
@@ -145,6 +156,7 @@ MOTION = PARAMETER + '[[motion]]\ninputs = "table.csv"\nmeasured = "table.csv"\n
         (POSES, "P_1,x_1\n1,\n", "line 2: .*no value is measured"),
         (MOTION, "t,T_1,x_1\n0,0,1\n0,1,1\n", "line 3: t = 0 s follows t = 0 s"),
         (MOTION, "t,T_1,x_1\n0,0,1\n1,1,?\n", r"line 3, x_1 = '\?': must be a finite number"),
+        (MOTION, "t,T_1,x_1\n0,0,1\n1,1,-100\n", "x_1: .*are these metres"),
         (MOTION, "t,x_1\n0,0\n1,1\n", "has no column of T_1"),
         (MOTION, "t,T_1,x_7\n0,0,1\n1,1,2\n", "unknown column: 'x_7'"),
         (MOTION, "t,T_1,P_1\n0,0,1\n1,1,2\n", "sigma of pressures is missing"),

@@ -93,14 +93,17 @@ def read_document(path: str | os.PathLike[str]) -> dict[str, Any]:
     return document
 
 
-def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return any TOML file as parsed; raises `SceneError` with its line where it is none."""
+def read_toml(path: str | os.PathLike[str], kind: str = "scene") -> dict[str, Any]:
+    """Return any TOML file as parsed; raises `SceneError` with its line where it is none.
+
+    `kind` is what a missing file would be.
+    """
     path = Path(path)
     try:
         text = path.read_bytes().decode("utf-8-sig")
         return tomllib.loads(text)
     except FileNotFoundError:
-        raise SceneError(f"{path}: no such file; {_files_beside(path)}") from None
+        raise SceneError(f"{path}: no such file; {_files_beside(path, kind)}") from None
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
@@ -199,14 +202,14 @@ def _read_load(table: Table) -> tuple[Effect, ...]:
     return (TipLoad(force, moment),) if "tip_force" in table or "tip_moment" in table else ()
 
 
-def _files_beside(path: Path) -> str:
-    """Say which scene files are in the folder of a missing one."""
+def _files_beside(path: Path, kind: str) -> str:
+    """Say which files of the kind may be in the folder of a missing one."""
     names = sorted(item.name for item in path.parent.glob("*.toml"))
     names = [name for name in names if name != "pyproject.toml"]
     if not names:
-        return f"the folder {path.parent} has no scene file"
+        return f"the folder {path.parent} has no {kind} file"
     by_stem = {Path(name).stem: name for name in names}  # all names are alike in .toml
     near = nearest(path.stem, by_stem)
     hint = f"did you mean {by_stem[near]!r}? " if near else ""
     shown = ", ".join(names[:10]) + (", …" if len(names) > 10 else "")
-    return f"{hint}scene files there: {shown}"
+    return f"{hint}{kind} files there: {shown}"

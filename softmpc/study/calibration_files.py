@@ -67,7 +67,7 @@ def load_calibration(path: str | os.PathLike[str], scene: Scene) -> CalibrationP
     Raises `InputError` for a file that is missing or wrong, saying where and what is allowed.
     """
     path = Path(path)
-    document = read_toml(path)
+    document = read_toml(path, "TOML")
     with errors_in(path):
         top = Table(document, "the data file")
         rows = {name: _rows(top, name) for name in TABLES}

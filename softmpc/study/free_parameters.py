@@ -5,6 +5,7 @@ The solver sees x: the logarithm of a number, or the number over its scale.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp, isfinite, log
@@ -112,6 +113,12 @@ class ParameterSpace:
         for name in taken:
             if taken.count(name) > 1:
                 raise InputError(f"{name}: is given twice, as a parameter or in a tie")
+            of_all = re.sub(r"\[\d+\]", "", name)
+            if of_all != name and of_all in taken:
+                raise InputError(
+                    f"{name}: is one of {of_all}, which is given too: give {of_all}, or each "
+                    "section's own"
+                )
 
     def __len__(self) -> int:
         return len(self._free)

@@ -19,6 +19,7 @@ from softmpc.errors import InputError, unknown_name
 from softmpc.model.effects import EFFECTS
 from softmpc.model.scene import Scene
 from softmpc.simulation.inputs import InputProfile
+from softmpc.statics.reach import FAR, too_far
 from softmpc.study.arm_at import ArmAt
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
 ]
 
 MPA = 1e6
+ABSURD = 10.0  # times a limit: another unit is meant
 
 
 class Observation(Protocol):
@@ -96,6 +98,7 @@ class StaticPose:
         for key in self.tips:
             if key not in allowed:
                 raise InputError(f"{self.name}: {unknown_name('coordinate', key, allowed)}")
+            _check_near(scene, self.name, key, float(self.tips[key]))
 
     def predict(self, arm: ArmAt) -> np.ndarray:
         p = pressures_at_rest(arm, self.pressures, self.torques)
@@ -161,6 +164,9 @@ class MotionRecord:
         if not any(len(rows) for _, rows in self._kept):
             raise InputError(f"{self.name}: no value is measured; columns: {', '.join(allowed)}")
         _check_values(self)
+        for key, rows in self._kept:
+            if len(rows) and not key.startswith("P"):
+                _check_near(scene, self.name, key, np.abs(self.columns[key][rows]).max())
         if self.start not in ("rest", "straight"):
             raise InputError(f"{self.name}: start = {self.start!r}: must be rest or straight")
         if self.profile.units != units:
@@ -205,6 +211,15 @@ def numbers_of(
         )
     if torques is not None and scene.actuation.input != "torque":
         raise InputError(f"{name}: the drive {scene.actuation.name!r} takes pressures, not torques")
+    limits, largest = scene.manipulator.limits, float(np.abs(numbers).max())
+    what, most, scale, unit = ("pressure", limits.pressure_max, MPA, "MPa")
+    if torques is not None:
+        what, most, scale, unit = ("torque", limits.torque_max, 1.0, "N·m")
+    if largest > ABSURD * abs(most) > 0:
+        raise InputError(
+            f"{name}: a {what} of {largest / scale:g} {unit} is far beyond the limits of the "
+            f"scene, {most / scale:g} {unit} ({what}_max): are these {unit}?"
+        )
 
 
 def check_without(scene: Scene, without: Sequence[str], name: str) -> None:
@@ -224,6 +239,13 @@ def _check_values(observation: Any) -> None:
         raise InputError(f"{observation.name}: values {values.tolist()}: must be finite numbers")
     if not (np.all(np.isfinite(sigmas)) and np.all(sigmas > 0)):
         raise InputError(f"{observation.name}: sigma = {sigmas.tolist()}: must be above 0")
+
+
+def _check_near(scene: Scene, name: str, key: str, value: float) -> None:
+    """Raise `InputError` for a coordinate that only another unit explains."""
+    place = tuple(value if axis == key[0] else None for axis in "xyz")
+    if why := too_far(scene, place, int(key[2:]), FAR):
+        raise InputError(f"{name} {key}: {why}")
 
 
 def _sigmas(sigma: float | Mapping[str, float], keys: list[str], name: str) -> np.ndarray:
