@@ -112,6 +112,7 @@ def test_every_preset(name: str) -> None:
     ("words", "said"),
     [
         (("--only", "fig5"), "unknown topic: 'fig5'; did you mean"),
+        (("--only", ","), "unknown topic: ','; allowed: drive"),
         (("--preset", "chen2022"), "unknown preset: 'chen2022'"),
         (("--picture",), "No such option"),
     ],

@@ -26,11 +26,9 @@ __all__ = ["command"]
 
 @click.command("reproduce")
 @click.option("--preset", metavar="NAME", help="Parameter set, such as chen2022-v2.")
-@click.option(
-    "--only", metavar="TOPIC,…", default="", help="Only these topics, such as limit+x,fig6."
-)
+@click.option("--only", metavar="TOPIC,…", help="Only these topics, such as limit+x,fig6.")
 @answering("reproduce")
-def command(preset: str | None, only: str, out: Path | None) -> Answer:
+def command(preset: str | None, only: str | None, out: Path | None) -> Answer:
     """Put every number that the paper prints beside what the model gives, and say why.
 
     With --out the figures 5 to 8 and 10 to 14 are drawn from the model as well.
@@ -39,7 +37,9 @@ def command(preset: str | None, only: str, out: Path | None) -> Answer:
     from softmpc.study.reproduce import reproduce
     from softmpc.view.paper_tables import terminal
 
-    topics = [key.strip() for key in only.split(",") if key.strip()]
+    topics = [key.strip() for key in (only or "").split(",") if key.strip()]
+    if only is not None and not topics:
+        topics = [only]  # is unknown, and said to be
     with progress("reproducing", "topic") as report:
         found = reproduce(preset or DEFAULT_PRESET, topics, report)
     if out and found.topics:
