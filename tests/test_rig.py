@@ -283,6 +283,18 @@ def test_faults_do_not_stretch_the_picture(usual: RigResult) -> None:
     assert not one.overlaps(two)
 
 
+def test_picture_of_a_run_without_disturbance(usual: RigResult) -> None:
+    """No panel for what there is not; innovations of a sensor without noise do not fill theirs."""
+    none = np.zeros((len(usual.state), 0))
+    names = usual.names[0], ()
+    nis = np.where(usual.innovation_sensor == 1, 1e-20, usual.nis)
+    made = rig_figure(replace(usual, names=names, d=none, d_spread=none, nis=nis))
+    assert [axes.get_title(loc="left").split(",")[0] for axes in made.axes] == [
+        "tip", "innovations", "supervision"
+    ]  # fmt: skip
+    assert made.axes[1].get_ylim()[0] >= 1e-3
+
+
 @pytest.mark.slow
 def test_a_payload_that_is_not_there(task: tuple[Scene, Tracking, RigSettings]) -> None:
     scene, tracking, settings = task

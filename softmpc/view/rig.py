@@ -19,19 +19,23 @@ if TYPE_CHECKING:
 __all__ = ["estimate_figure", "rig_figure"]
 
 BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0}
+LEAST = 1e-3  # of what is drawn of innovations: sensors without noise are off by next to nothing
 TOGETHER = 0.02  # of the run
 STATE_COLOURS = ("#DDEBDD", "#F5E6B8", "#F3C9A5", "#E8A6A6")
 
 
 @styled
 def rig_figure(result: RigResult) -> Figure:
-    """Errors of tip and estimate, disturbance, innovations of each sensor, state and faults."""
-    made = figure(9.5, 9.0, result.track.title or "Tip tracking on a rig")
-    axes = list(made.subplots(4, 1, sharex=True, height_ratios=(3, 3, 3, 1.6)))
+    """Errors of tip and estimate, disturbance if any, innovations of each sensor, state, faults."""
+    some = bool(result.names[1])
+    made = figure(9.5, 9.0 if some else 6.8, result.track.title or "Tip tracking on a rig")
+    heights = (3, *(3,) * some, 3, 1.6)
+    axes = list(made.subplots(len(heights), 1, sharex=True, height_ratios=heights))
     _draw_errors(axes[0], result)
-    _draw_disturbance(axes[1], result)
-    _draw_innovations(axes[2], result)
-    _draw_states(axes[3], result)
+    if some:
+        _draw_disturbance(axes[1], result)
+    _draw_innovations(axes[-2], result)
+    _draw_states(axes[-1], result)
     for one in axes[:-1]:
         _shade_faults(one, result)
     for one in axes:
@@ -75,8 +79,7 @@ def _draw_disturbance(axes: Axes, result: RigResult) -> None:
         if not offset:
             axes.fill_between(time, low, high, **look, **(BAND | {"alpha": 0.12}))
     label(axes, TIME, "% of full", "disturbance as estimated, bands of two deviations")
-    if result.names[1]:
-        legend_right(axes, fontsize=7)
+    legend_right(axes, fontsize=7)
 
 
 def _draw_innovations(axes: Axes, result: RigResult) -> None:
@@ -95,6 +98,7 @@ def _draw_innovations(axes: Axes, result: RigResult) -> None:
         axes.plot([], [], "x", color=GREY, label="refused")
     axes.plot([], [], "--", color=GREY, linewidth=0.8, label="95 % below, if consistent")
     axes.set_yscale("log")
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], LEAST))
     label(axes, TIME, "square per number", "innovations, normalised: 1 on average")
     legend_right(axes)
 
