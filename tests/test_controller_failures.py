@@ -324,3 +324,17 @@ def test_two_threads_and_two_runs_give_the_same(model: Model, transcription: Tra
         thread.join()
     for name in targets:
         assert np.array_equal(alone[name], together[name])
+
+
+def test_many_failures_in_a_row_do_not_flood_the_log(
+    model: Model, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The first, second, fourth … are warnings; -v has all of them."""
+    limits = (TorqueLimit(0.0, HIGHEST), TorqueRateLimit(-RATE, RATE), PressureLimit(0.0, 1e4))
+    transcription = Transcription(Ocp(model, INTERVALS, STEP, COSTS, limits))
+    arm = Arm(model, RealTime(transcription))
+    caplog.set_level("INFO", "softmpc.control.mpc")
+    for _ in range(5):
+        assert not arm.step().solved
+    said = [one.levelname for one in caplog.records if "in a row" in one.getMessage()]
+    assert said == ["WARNING", "WARNING", "INFO", "WARNING", "INFO"]

@@ -159,8 +159,10 @@ class Mpc:
         usable = solution is not None and solution.usable
         self._failures = 0 if usable else self._failures + 1
         worst = "" if status == SOLVED else self._worst(x, asked, solution, w)
-        if worst and not late:
-            LOG.warning("step: %s (%d in a row); %s", status, self._failures, worst)
+        if worst and not late:  # of many in a row the first, second, fourth … are said
+            often = self._failures & (self._failures - 1) if self._failures else 0
+            level = logging.INFO if often else logging.WARNING
+            LOG.log(level, "step: %s (%d in a row); %s", status, self._failures, worst)
         return self._stepped(began, asked, status, solution, worst)
 
     def _sized(self, name: str, value: Array, size: int) -> Array:
