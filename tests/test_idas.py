@@ -23,6 +23,7 @@ from softmpc.simulation.idas import Idas
 from softmpc.simulation.inputs import InputProfile
 from softmpc.simulation.integrator import IntegrationError
 from softmpc.simulation.run import start_state
+from softmpc.simulation.runge_kutta import RadauIIA
 
 MODEL = model_of()
 REST = InputProfile.of(6)
@@ -140,6 +141,21 @@ def test_wrong_arguments(arguments: Any, message: str) -> None:
         Idas(MODEL).advance(*arguments)
     with pytest.raises(InputError, match="tolerance = 0"):
         Idas(MODEL, 0)
+
+
+def test_start_of_a_heavy_arm() -> None:
+    """5 m long; IDAS's line search failed here, at a tolerance that others keep."""
+    large = replace(
+        PAPER.sections[0], length=2.5, bending_radius=0.298, disc_radius=0.323, unit_offset=0.173,
+        unit_area=3.14e-2, wall_area=3.93e-2, mass=560.0, linear_damping=450.0,
+    )  # fmt: skip
+    other = replace(large, unit_angles=PAPER.sections[1].unit_angles)
+    model = model_of(replace(PAPER, sections=(large, other)), actuation=StaticDrive())
+    q = [0.28439, 0.0055644, 0.004668, -0.0076905, 0.21111, -0.039733, 0.34186, -0.00044468]
+    dq = [-0.042895, 0.016817, -0.0059086, 0.025759, 0.042837, -0.060158, -0.011373, 0.013361]
+    u = [0.0066292, 1.1754, 1.3663, 1.9066, 0.24901, 0.0]
+    found = Idas(model, 1e-8).advance([*q, *dq], u, 0.025)[-1]
+    assert found == pytest.approx(RadauIIA(model, 1e-8).advance([*q, *dq], u, 0.025)[-1], abs=1e-6)
 
 
 def test_what_cannot_move() -> None:

@@ -27,6 +27,9 @@ from softmpc.simulation.system import System
 __all__ = ["Idas"]
 
 MOST_STEPS = 100_000  # between two samples
+# Of the interval: to where IDAS looks ahead as it makes the start consistent. From as far as the end
+# of the interval its line search does not always get there, near as the start is.
+FIRST_TIME = 0.01
 
 
 class Idas:
@@ -111,6 +114,7 @@ class Idas:
         options = {
             "abstol": self.tolerance,
             "reltol": self.tolerance,
+            "first_time": FIRST_TIME,
             "suppress_algebraic": True,  # accelerations follow from the states: no error test
             "max_num_steps": MOST_STEPS,
             "disable_internal_warnings": True,  # the reason is in the exception
