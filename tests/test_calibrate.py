@@ -434,3 +434,16 @@ def test_picture_says_what_is_open_and_at_a_bound() -> None:
     assert bars == {"radius", *(f"at {x:g}" for x in X)}
     many = replace(found, residuals=found.residuals * 10)
     assert len(calibration_figure(many).axes[-1].lines[0].get_xdata()) == 60
+
+
+@pytest.mark.parametrize("starts", [1, 3])
+def test_what_nothing_sees_keeps_its_start(starts: int) -> None:
+    """Weight without gravity: the barrier or another start would leave it anywhere."""
+    weightless = SCENE.with_(effects=())
+    mass = FreeParameter("sections.mass", low=0.1, high=2.0)
+    printed = SummaryValue("radius", 0.139, 0.001, pressures=(1e6, 0, 0))
+    found = calibrate(CalibrationProblem(weightless, (RADIUS, mass), (printed,)), starts=starts)
+    seen, unseen = found.estimates
+    assert seen.source == "data" and seen.estimate != pytest.approx(0.032, rel=1e-3)
+    assert unseen.source == "nothing: its start"
+    assert unseen.estimate == ARM.sections[0].mass == found.scene.manipulator.sections[0].mass

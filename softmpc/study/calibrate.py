@@ -18,7 +18,7 @@ from softmpc.study.free_parameters import FreeParameter, ParameterSpace, Tie
 from softmpc.study.least_squares import Fit, minimise
 from softmpc.study.observations import Observation
 from softmpc.study.residuals import Data, Predictions
-from softmpc.study.uncertainty import uncertainty
+from softmpc.study.uncertainty import RESOLVED, uncertainty
 from softmpc.sweeps import sweep
 
 if TYPE_CHECKING:
@@ -163,9 +163,28 @@ def calibrate(
     agreeing = 1
     if starts > 1 and fit.status != "interrupted":
         fit, factor, agreeing = _best(problem, fit, factor, starts, seed, executor, progress)
+    if fit.converged:
+        fit = _unseen_at_start(problem, fit)
     found = report(problem, fit, factor)
     wall = time.perf_counter() - began
     return replace(found, starts=starts, agreeing=agreeing, wall_s=wall)
+
+
+def _unseen_at_start(problem: CalibrationProblem, fit: Fit) -> Fit:
+    """What no value and no prior sees is put back: a search may leave it anywhere."""
+    data, (_, deviation) = problem.data, problem.space.prior
+
+    def cost(x: np.ndarray) -> float:
+        return float(np.sum(data.residuals(problem.predictions.at(x))[data.counts] ** 2))
+
+    slopes = np.linalg.norm(problem.jacobian(data, fit.x)[data.counts], axis=0)
+    unseen = ~np.isfinite(deviation) & (slopes <= RESOLVED * slopes.max())
+    best, x = cost(fit.x), fit.x.copy()
+    for k in np.flatnonzero(unseen & (x != problem.space.start)):
+        moved = np.where(np.arange(len(x)) == k, problem.space.start, x)
+        if cost(moved) <= best * (1 + SAME):  # a limit may be kept here and not there
+            x = moved
+    return replace(fit, x=x)
 
 
 def _tell(problem: CalibrationProblem, progress: Progress) -> None:

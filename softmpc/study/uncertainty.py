@@ -11,7 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
 
-__all__ = ["Direction", "Uncertainty", "goodness", "quantile", "uncertainty", "undetermined"]
+__all__ = [
+    "RESOLVED",
+    "Direction",
+    "Uncertainty",
+    "goodness",
+    "quantile",
+    "uncertainty",
+    "undetermined",
+]
 
 LEVEL = 0.95
 RESOLVED = 3e-6  # of the largest singular value: below, differences see only their own errors
