@@ -174,6 +174,7 @@ def test_many_targets(scene: Path, targets: Path, tmp_path: Path) -> None:
     assert all(set(SINGLE) <= set(one) for one in found["results"])
     rows = list(csv.DictReader(lines(out / "inverse.csv")))
     assert [row["status"] for row in rows] == ["solved"] * 3
+    assert "largest angle" in softmpc(scene, "--targets", targets, "--workers", 1).stdout
     assert float(rows[1]["x"]) == pytest.approx(0.05, abs=1e-6)
     arrays = load(out / "inverse.npz")
     assert arrays["p"].shape == (3, 6)

@@ -62,8 +62,12 @@ def many(
 
 
 def _text(data: dict[str, Any], found: list[InverseResult]) -> str:
+    from math import degrees
+
     import numpy as np
 
+    turned = any(target.turns for r in found for target in r.targets)
+    angle = [("largest angle", f"{degrees(max(r.angle for r in found)):.4g} deg")] * turned
     rows: list[tuple[str, object]] = [
         ("targets", len(found)),
         ("solved", data["solved"]),
@@ -72,6 +76,7 @@ def _text(data: dict[str, Any], found: list[InverseResult]) -> str:
         ("not stable", sum(not r.stable for r in found)),
         ("not reached from rest", sum(r.stable and not r.on_rest_branch for r in found)),
         ("largest distance", f"{1e3 * max(r.distance for r in found):.4g} mm"),
+        *angle,
         ("median time a target", f"{1e3 * float(np.median([r.seconds for r in found])):.1f} ms"),
     ]
     return "\n".join([data["title"], table(rows)])
