@@ -22,6 +22,7 @@ from softmpc.statics import workspace
 from softmpc.statics.workspace import find_workspace
 from softmpc.statics.workspace_result import Workspace
 from softmpc.statics.workspace_shell import Shell, clenshaw_curtis
+from softmpc.sweeps import sweep
 from softmpc.view.workspace import limit_postures_figure, workspace_figure
 from softmpc.view.workspace_cut import limit_postures, workspace_cut_figure
 
@@ -257,9 +258,19 @@ def test_command_for_people(scene: Path) -> None:
         (("--hold", "7=0.1"), "units 1 to 3"),
         (("--hold", "1=5"), "must be between"),
         (("--hold", "x"), "UNIT=MPA"),
+        (("--hold", "1=0.2", "--hold", "1=0.1"), "unit 1 twice, 0.2 and 0.1 MPa"),
     ],
 )
 def test_command_with_wrong_input(scene: Path, options: tuple[Any, ...], message: str) -> None:
     done = run("workspace", scene, *options)
     assert done.exit_code == 2
     assert message in done.stderr
+
+
+def test_what_another_search_left_is_told(scene: Path, tmp_path: Path) -> None:
+    parts = tmp_path / "out" / "workspace_parts"
+    parts.mkdir(parents=True)
+    sweep(len, [[1], [2]], executor=1, keep=parts / "samples.jsonl")
+    done = run("workspace", scene, *GRID, "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert f"{parts} is what an interrupted search of another scene or with other" in done.stderr

@@ -106,6 +106,7 @@ def _find(
     dask: str | None,
     out: Path | None,
 ) -> Workspace:
+    from softmpc.errors import InputError
     from softmpc.statics.workspace import find_workspace
 
     keep = out / KEPT if out else None
@@ -118,6 +119,13 @@ def _find(
         except KeyboardInterrupt:
             if keep:
                 notice(f"what is done is kept in {keep}: the same command goes on from there")
+            raise
+        except InputError as error:
+            if keep and str(error).startswith(str(keep)):
+                raise InputError(
+                    f"{keep} is what an interrupted search of another scene or with other options "
+                    "left: repeat that one, remove the folder, or give another --out"
+                ) from error
             raise
     if keep and keep.is_dir():
         for part in keep.glob("*.jsonl"):
