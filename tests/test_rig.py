@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from softmpc import build
 from softmpc.cli.main import main
 from softmpc.control.tracking import Tracking, read_track_file
-from softmpc.errors import InputError, SceneError
+from softmpc.errors import BuildError, InputError, SceneError
 from softmpc.model.scene import Scene
 from softmpc.rig.faults import FAULTS, Absent, BudgetOverrun, Fault, NotANumber, SolverCap, Stuck
 from softmpc.rig.result import RigResult
@@ -249,6 +249,17 @@ def test_faults_of_what_is_not_there_are_refused_before_the_run(
     converged = replace(tracking, controller=replace(tracking.controller, solver="ipopt"))
     with pytest.raises(InputError, match=rf"^\[rig\]: fault.*{said}"):
         rig_up(scene, converged, replace(settings, faults=(fault,)), _too_late)
+
+
+def test_what_is_wrong_with_the_plant_is_said_to_be(
+    task: tuple[Scene, Tracking, RigSettings],
+) -> None:
+    scene, tracking, settings = task
+    arm = scene.manipulator
+    rough = scene.with_(manipulator=replace(arm, hydraulics=replace(arm.hydraulics, friction=9.0)))
+    wrong = replace(tracking, plant=replace(tracking.plant, scene=rough))
+    with pytest.raises(BuildError, match=r"^\[track.plant\] scene: hydraulics.friction"):
+        rig_up(scene, wrong, settings, _too_late)
 
 
 def test_a_fault_after_the_end_of_the_run_is_said(

@@ -37,8 +37,8 @@ from softmpc.statics.clearance import find_clearance
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 
-__all__ = ["Deputy", "Setup", "Tracking", "deputy", "model_of", "read_track_file", "read_tracking",
-           "ready", "set_up", "track", "track_file", "without_feed_forward"]  # fmt: skip
+__all__ = ["Deputy", "Setup", "Tracking", "deputy", "model_of", "plant_of", "read_track_file",
+           "read_tracking", "ready", "set_up", "track", "track_file", "without_feed_forward"]  # fmt: skip
 
 CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
@@ -190,8 +190,7 @@ def set_up(
     Without `clearance` nobody looks for the distance to the edge, which takes most of the time.
     Models that are `known` are taken for scenes that are theirs.
     """
-    plant_scene = scene if task.plant.scene is None else task.plant.scene
-    plant, motion = model_of(plant_scene, *known), motion_of(task.reference)
+    plant, motion = plant_of(scene, task, *known), motion_of(task.reference)
     inverse = InverseStatics(plant, starts=STARTS)
     settings = task.controller
     with errors_in("[track.controller]"):
@@ -272,6 +271,14 @@ def without_feed_forward(setup: Setup) -> Mpc:
 def model_of(scene: Scene, *known: Model) -> Model:
     """The model of a scene, one of those that are there if it is of that scene."""
     return next((model for model in known if model.scene == scene), None) or build(scene)
+
+
+def plant_of(scene: Scene, task: Tracking, *known: Model) -> Model:
+    """The model of a task's plant; `scene` is that of the file."""
+    if task.plant.scene is None:
+        return model_of(scene, *known)
+    with errors_in("[track.plant] scene"):
+        return model_of(task.plant.scene, *known)
 
 
 def make_mpc(ocp: Ocp, settings: ControllerSettings, rest: RestPath, project: bool) -> Mpc:

@@ -19,7 +19,7 @@ from softmpc.control.planned_start import is_at_rest
 from softmpc.control.solvers import CONDENSING
 from softmpc.control.state_map import StateMap
 from softmpc.control.track_result import TrackResult
-from softmpc.control.tracking import Setup, Tracking, read_track_file, ready, set_up
+from softmpc.control.tracking import Setup, Tracking, plant_of, read_track_file, ready, set_up
 from softmpc.errors import SceneError, errors_in
 from softmpc.estimation.estimator import Estimator
 from softmpc.estimation.process import Process
@@ -115,7 +115,7 @@ def rig_up(
             f"[track.controller] step = {task.controller.step:g} s: on a rig it must be a whole "
             "number of milliseconds"
         )
-    plant = build(scene if task.plant.scene is None else task.plant.scene)
+    plant = plant_of(scene, task)
     with errors_in("[rig]"):
         _check_fits(settings, task, plant)
     setup = set_up(scene, task, settings.disturbance, progress, known=(plant,))

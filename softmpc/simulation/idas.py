@@ -27,8 +27,8 @@ from softmpc.simulation.system import System
 __all__ = ["Idas"]
 
 MOST_STEPS = 100_000  # between two samples
-# Of the interval: to where IDAS looks ahead as it makes the start consistent. From as far as the end
-# of the interval its line search does not always get there, near as the start is.
+# Of the interval: to where IDAS looks ahead as it makes the start consistent. As far as the end of
+# the interval its line search does not always get there, near as the start is.
 FIRST_TIME = 0.01
 
 
