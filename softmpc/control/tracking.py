@@ -37,8 +37,10 @@ from softmpc.statics.clearance import find_clearance
 from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.statics.inverse import InverseStatics
 
-__all__ = ["Deputy", "Setup", "Tracking", "deputy", "model_of", "plant_of", "read_track_file",
-           "read_tracking", "ready", "set_up", "track", "track_file", "without_feed_forward"]  # fmt: skip
+__all__ = [
+    "Deputy", "Setup", "Tracking", "deputy", "model_of", "plant_of", "read_track_file",
+    "read_tracking", "ready", "set_up", "track", "track_file", "without_feed_forward",
+]  # fmt: skip
 
 CLEARANCE_POINTS = 6  # places along a lap
 STARTS = 6  # of inverse statics, before a place counts as out of reach: a path has many
