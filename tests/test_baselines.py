@@ -1,5 +1,6 @@
 """Baselines on one short line, and cheaper controllers on the same plant."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,12 @@ def test_the_controller_is_the_best_and_converged(rows) -> None:
     assert cost["real-time"] < cost["LQR"] < cost["feed-forward"]
     assert cost["real-time"] == pytest.approx(cost["IPOPT to convergence"], rel=0.02)
     assert all(row["failures"] == 0 and np.isfinite(row["variation"]) for row in rows.values())
+
+
+def test_baselines_say_where_they_share_no_moves(setup: Setup) -> None:
+    blocked = replace(setup.task.controller, blocks=(1, 1, 2, 4))
+    named = controllers_of(replace(setup, task=replace(setup.task, controller=blocked)))
+    assert list(named)[-1] == "IPOPT to convergence, a move each interval"
 
 
 @pytest.mark.slow

@@ -330,7 +330,7 @@ def rows_after(heading: str) -> list[str]:
 
 def test_kinds_of_findings() -> None:
     rows = rows_after("[track]: the path is infeasible")
-    assert len(rows) == 7
+    assert len(rows) == 8
     for row in rows:
         kind = row.partition(":")[0]
         assert has(Finding(kind, 0.0, 1.0, (0.0, 0.0, 0.9), 12.0, "mm").text, row)

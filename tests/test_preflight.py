@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softmpc.control.at_speed import AtSpeed
-from softmpc.control.limits import TorqueLimit, TorqueRateLimit
+from softmpc.control.limits import TipBox, TorqueLimit, TorqueRateLimit
 from softmpc.control.ocp import Ocp, tracking_problem
 from softmpc.control.paths import Circle, FigureEight, Helix, Line, Reference, TimeLaw
 from softmpc.control.preflight import Finding, find_preflight
@@ -124,6 +124,20 @@ def test_limits_of_the_controller_are_checked(inverse: InverseStatics, problem: 
     assert torque == pytest.approx(found.facts["largest_input_at_rest"] - 0.8, abs=1e-3)
     rate = max(one.excess for one in found.findings if one.kind == "torque rate")
     assert rate == pytest.approx(found.facts["largest_input_rate_at_rest"] - 0.16, abs=0.02)
+
+
+@pytest.mark.parametrize("soft", [None, 1e-3])
+def test_a_path_that_leaves_the_box_of_the_tip(inverse: InverseStatics, problem: Ocp, soft) -> None:
+    """A circle of 40 mm radius about x = 0.12 m against a side at x = 0.15 m: 10 mm too far."""
+    within = TipBox(0.0, 0.16, axis="x", soft=soft), TipBox(0.9, 1.0, axis="z", section=1)
+    kept = replace(problem, limits=(*problem.limits, *within))
+    assert find_preflight(inverse, INSIDE, kept, nodes=24).feasible
+    cut = replace(problem, limits=(*problem.limits, TipBox(0.0, 0.15, axis="x", soft=soft)))
+    found = find_preflight(inverse, INSIDE, cut, nodes=24).findings
+    assert {one.kind for one in found} == {"tip box"}
+    assert max(one.excess for one in found) == pytest.approx(10.0, abs=0.02)
+    for one in found:
+        assert one.place[0] > 0.15 and "x from 0 to 0.15 m" in one.text
 
 
 def test_too_fast_a_path_is_named(inverse: InverseStatics, problem: Ocp) -> None:

@@ -57,7 +57,10 @@ def controllers_of(setup: Setup) -> dict[str, Callable[[], Controller]]:
         second,
         lambda: converged(ocp, settings.stages),
     )
-    makers = dict(zip(OF_PLAN if planned else BASELINES, baselines, strict=True))
+    names = OF_PLAN if planned else BASELINES
+    if settings.blocks is not None:  # what it costs to share moves shows in the costs
+        names = (*names[:-1], f"{names[-1]}, a move each interval")
+    makers = dict(zip(names, baselines, strict=True))
     return {settings.solver: lambda: setup.controller, **makers}
 
 

@@ -1,6 +1,7 @@
 """Is a path feasible? What is not, where and by how much, before anything moves.
 
     reach        a place of the path that the arm at rest cannot hold
+    tip box      a place outside the box that the controller keeps the tip in
     torque       inputs at rest beyond what the controller may use
     torque rate  inputs at rest that have to change faster than they may
     bandwidth    the controller would be off by more than its costs allow
@@ -22,7 +23,7 @@ import numpy as np
 
 from softmpc.control.at_speed import AtSpeed
 from softmpc.control.costs import TipPosition
-from softmpc.control.limits import Limit, TorqueLimit, TorqueRateLimit
+from softmpc.control.limits import Limit, TipBox, TorqueLimit, TorqueRateLimit
 from softmpc.control.ocp import Ocp
 from softmpc.control.paths import Reference
 from softmpc.control.response import Response
@@ -75,6 +76,7 @@ class Finding:
         place = ", ".join(f"{x:.3f}" for x in self.place)
         what = {
             "reach": "out of reach",
+            "tip box": "outside the box of the tip",
             "torque": "torque at rest above what is allowed",
             "torque rate": "torque at rest changes faster than allowed",
             "bandwidth": "too fast for the controller's costs: off",
@@ -133,7 +135,8 @@ def find_preflight(
     rest = find_rest_path(inverse, reference, nodes, progress)
     response = Response(inverse.model, rest.middle.q, rest.middle.pressures)
     response.warn_of_short_sight(float(ocp.nodes[-1]))
-    findings = [*_reach(rest), *_torque(rest, limits), *_rate(rest, limits, step)]
+    findings = [*_reach(rest), *_boxed(rest, limits)]
+    findings += [*_torque(rest, limits), *_rate(rest, limits, step)]
     fast = AtSpeed(rest, response, ocp)
     if any(isinstance(cost, TipPosition) for cost in ocp.costs):
         findings += _at_speed(fast, rest, ocp)
@@ -187,6 +190,24 @@ def _reach(rest: RestPath) -> list[Finding]:
         return f"held back by {', '.join(active)}" if active else ""
 
     return stretches("reach", rest.reference, t, 1e3 * far, 1e3 * IN_REACH, "mm", held_back)
+
+
+def _boxed(rest: RestPath, limits: Sequence[Limit]) -> list[Finding]:
+    """Where the path leaves the box of the arm's tip; a box of another section's is not looked at.
+
+    A soft one is left at a price, and the tip keeps near its side.
+    """
+    reference, t = rest.reference, _times(rest.reference)
+    places, last = reference.position(t), len(rest.model.scene.manipulator.sections)
+    found = []
+    for limit in limits:
+        if isinstance(limit, TipBox) and limit.section in (None, last):
+            over = beyond(places[:, ["xyz".index(limit.axis)]], limit.low, limit.high)
+            note = f"{limit.axis} from {limit.low:g} to {limit.high:g} m"
+            found += stretches(
+                "tip box", reference, t, 1e3 * over, 1e3 * IN_REACH, "mm", lambda _, said=note: said
+            )
+    return found
 
 
 def _torque(rest: RestPath, limits: Sequence[Limit]) -> list[Finding]:

@@ -50,6 +50,7 @@ FASTER = f"{SLOWER}, or raise torque_rate in [track.controller]"
 STRONGER = f"{SLOWER}, or allow more torque (torque_max in [limits])"
 ADVICE = {
     "reach": "move it towards the arm's tip at half pressure, or make it smaller",
+    "tip box": "move it into the box, or widen tip_box in [track.controller]",
     "torque": "move it, or allow more torque (torque_max in [limits])",
     "torque rate": FASTER,
     "bandwidth": f"{SLOWER}, or raise tip_deviation in [track.controller]",

@@ -39,8 +39,9 @@ AT_REST = 1.0  # standard deviations by which a disturbance of full size must mo
 TWIST = "twist, with which tips on the axis of a straight arm do not move; damped, it dies away"
 HINTS = {
     "kappa_z": "tips on the axis hardly move with twist: leave kappa_z out of the disturbance",
-    "offset of": "pressures tell offsets of inputs from forces on strains: add UnitPressures(), "
-    "or take inputs=False",
+    "offset of": "pressures tell offsets of inputs from forces on strains: add a sensor of them, "
+    "UnitPressures or [rig.unit_pressures], with less noise if there is one; or leave the offsets "
+    "out, inputs=False or [rig.estimator] offsets = false",
     "force on": "leave this force out, or let a sensor look at that section",
 }
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from softmpc.control.discretise import held_input
 from softmpc.control.transcription import require_linear_drive
+from softmpc.errors import InputError
 from softmpc.estimation.arm_step import ArmStep, Length, Stages
 from softmpc.model.disturbance import Disturbance
 from softmpc.model.model import Model
@@ -32,6 +33,9 @@ class ProcessNoise:
     forces: float = 0.01
     offsets: float = 3e-3
 
+    def __post_init__(self) -> None:
+        _require_deviations(self)
+
 
 @dataclass(frozen=True)
 class Spread:
@@ -42,6 +46,19 @@ class Spread:
     drive: float = 0.02
     forces: float = 0.1
     offsets: float = 0.03
+
+    def __post_init__(self) -> None:
+        _require_deviations(self)
+
+
+def _require_deviations(shares: ProcessNoise | Spread) -> None:
+    """Raise `InputError` for what is no standard deviation."""
+    for name, value in vars(shares).items():
+        if not 0.0 <= value < np.inf:
+            raise InputError(
+                f"{type(shares).__name__}: {name} = {value!r}: must be a finite number from 0, a "
+                "share of the scale"
+            )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from softmpc.model.model import Model
 
 __all__ = [
     "SENSORS", "TICK", "CylinderPressures", "MotorTorque", "PistonSpeed", "Reading", "Sensor",
-    "SectionTips", "UnitPressures",
+    "SectionTips", "UnitPressures", "require_ticks",
 ]  # fmt: skip
 
 Array = np.ndarray
@@ -59,6 +59,7 @@ class Sensor(ABC):
                 f"{self.name}: rate = {self.rate:g} Hz is a sample every {ticks:.4g} ms; "
                 f"must be a whole number of them, such as {1e3 / max(1, round(ticks)):.4g} Hz"
             )
+        require_ticks(f"{self.name}: latency", self.latency)
         if not np.all(np.isfinite(self.bias)):
             raise InputError(f"{self.name}: bias = {self.bias}: all must be finite numbers")
 
@@ -93,6 +94,16 @@ class Sensor(ABC):
                 f"{self.name}: bias has {len(self.bias)} numbers; it needs one, or {size}"
             )
         return np.zeros(size) + (np.array(self.bias) if self.bias else 0.0)
+
+
+def require_ticks(what: str, seconds: float) -> None:
+    """Raise `InputError` for a time that is not a whole number of milliseconds."""
+    ticks = seconds / TICK
+    if abs(ticks - round(ticks)) > 1e-6 * max(ticks, 1.0):
+        raise InputError(
+            f"{what} = {seconds:g} s: must be a whole number of milliseconds, such as "
+            f"{round(ticks) * TICK:g} s"
+        )
 
 
 def _require(sensor: Sensor, key: str, low: float, high: float, unit: str) -> None:

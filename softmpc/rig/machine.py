@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softmpc.estimation.sensing import Sample, Sensing
-from softmpc.estimation.sensors import TICK, Sensor
+from softmpc.estimation.sensors import TICK, Sensor, require_ticks
 from softmpc.model.model import Model
 from softmpc.rig.faults import ActuatorFault, Fault, PayloadDropped, SensorFault
 from softmpc.simulation.integrator import Integrator
@@ -24,6 +24,9 @@ class Link:
 
     delay: float = 0.0
     lost: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_ticks("command_delay", self.delay)
 
     @property
     def ticks(self) -> int:

@@ -59,10 +59,7 @@ def read_rig(data: object) -> RigSettings:
         noise=_numbers(ProcessNoise, estimator, "noise"),
         spread=_numbers(Spread, estimator, "spread"),
         supervision=_numbers(Supervision, table, "supervision"),
-        link=Link(
-            table.number("command_delay", 0.0, unit="s", low=0.0, high=0.5),
-            table.number("lost_commands", 0.0, low=0.0, high=1.0),
-        ),
+        link=_link(table),
         faults=tuple(_fault(one, k + 1) for k, one in enumerate(_list(table, "faults"))),
         wait=table.number("wait", RigSettings.wait, unit="s", low=0.0, high=60.0),
         seed=table.integer("seed", 0),
@@ -77,6 +74,13 @@ def _list(table: Table, key: str) -> list[Any]:
     if not isinstance(given, list):
         raise table.error(key, given, "a list of tables, [[rig.faults]]")
     return given
+
+
+def _link(table: Table) -> Link:
+    delay = table.number("command_delay", 0.0, unit="s", low=0.0, high=0.5)
+    lost = table.number("lost_commands", 0.0, low=0.0, high=1.0)
+    with errors_in(table.where):
+        return Link(delay, lost)
 
 
 def _sensor(kind: type[Sensor], table: Table) -> Sensor:
