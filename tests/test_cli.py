@@ -21,7 +21,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from softmpc import __version__
-from softmpc.cli.common import as_json, progress, row, table
+from softmpc.cli.common import as_json, notice, progress, row, table
 from softmpc.cli.main import COMMANDS, main
 from softmpc.control.track_result import TrackResult
 from softmpc.simulation.integrator import IntegrationError
@@ -672,6 +672,17 @@ def test_progress_is_gone_after_an_error(monkeypatch: pytest.MonkeyPatch) -> Non
         report(1, 4)
         raise click.Abort
     assert screen.getvalue().endswith("\r")
+
+
+def test_a_notice_stands_on_a_line_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with progress("moving") as report:
+        report(1, 4)
+        notice("WARNING: too fast")
+    before, after = screen.getvalue().split("WARNING: too fast\n")
+    assert before.endswith(" \r") and "moving:" in before  # wiped, and drawn again below
+    assert "moving:  25%" in after
 
 
 def test_json_of_what_json_does_not_know() -> None:

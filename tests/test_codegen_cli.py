@@ -91,6 +91,10 @@ def test_a_directory_is_written(scene: Path, tmp_path: Path) -> None:
         (["codegen", "none.toml", "--out", "DIR"], "none.toml"),
         (["codegen", "SCENE", "--out", "DIR", "--iterations", "0"], "0 is not in the range"),
         (["codegen", "SCENE", "--out", "DIR", "--controller", "pid"], "'pid' is not one of"),
+        (
+            ["codegen", "SCENE", "--out", "DIR", "--controller", "lqr", "--max-rows", "3"],
+            "--max-rows is for the quadratic program of --controller nmpc; lqr has none",
+        ),
         (["codegen", "SCENE", "--out", "FULL"], "not a controller's"),
         (["codegen", "SCENE", "--controller", "lqr", "--out", "FULL"], "not a controller's"),
         (["codegen", "SCENE", "--out", "DIR", "--workspace", "none.npz"], "none.npz"),
@@ -111,6 +115,18 @@ def test_wrong_words(words: list[str], message: str, scene: Path, tmp_path: Path
     assert ended.exit_code == 2
     assert message in ended.stderr
     assert (full / "thesis.tex").read_text() == "years of work"
+
+
+def test_a_baseline_has_a_footprint_too(
+    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the compiler for a board: what it is asked for, and that it is in the answer."""
+    monkeypatch.setattr("softmpc.codegen.footprint.footprint", lambda folder: {"of": str(folder)})
+    monkeypatch.setattr("softmpc.codegen.footprint.footprint_table", lambda found: "its table")
+    words = "codegen", scene, "--out", tmp_path / "c", "--controller", "lqr", "--footprint"
+    made = call(*words, "--json")
+    assert made.exit_code == 0, made.output
+    assert json.loads(made.stdout)["footprint"] == {"of": str(tmp_path / "c")}
 
 
 def test_other_solvers_cannot_become_c(scene: Path, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from softmpc.codegen.flight_log import read_log
 from softmpc.codegen.flight_recorder import record
 from softmpc.codegen.flight_writer import FlightWriter
 from softmpc.codegen.replay import Comparison
-from softmpc.codegen.replay_setup import check_problem, scene_of
+from softmpc.codegen.replay_setup import check_problem, players_of, scene_of
 from softmpc.control.costs import StrainRate
 from softmpc.control.mpc import Mpc
 from softmpc.control.tracking import read_track_file, set_up
@@ -151,6 +151,22 @@ def test_code_of_another_controller_is_refused(place: Path, tmp_path: Path) -> N
 def test_an_unknown_controller_is_refused(place: Path) -> None:
     done = softmpc(place / "flight.log", "--with", "python,pyton")
     assert done.exit_code == 2 and "unknown replay: 'pyton'; did you mean 'python'?" in done.stderr
+
+
+def test_a_tolerance_that_nothing_is_beyond_is_refused(place: Path) -> None:
+    done = softmpc(place / "flight.log", "--tolerance", "nan")
+    assert done.exit_code == 2 and "nan is no finite number" in done.stderr
+
+
+def test_one_replay_of_a_controller_named_twice(place: Path) -> None:
+    assert players_of(read_log(place / "flight.log"), "c,python, c") == ("c", "python")
+
+
+def test_a_folder_of_code_is_looked_at_first(place: Path, tmp_path: Path) -> None:
+    """Before Python's replay, and also where Python wrote the log."""
+    done = softmpc(place / "flight.log", "--code", tmp_path)
+    assert done.exit_code == 2 and "has no problem.h" in done.stderr
+    assert "replay by" not in done.stderr
 
 
 def test_the_picture_of_what_differs() -> None:

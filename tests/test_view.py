@@ -30,7 +30,7 @@ from softmpc.view.arm import Arm, box_of
 from softmpc.view.energy import energy_figure
 from softmpc.view.motion import MOST_POINTS, motion_figure, thinned
 from softmpc.view.posture import posture_figure
-from softmpc.view.style import COLOURS, colour, dash, save_figure, styled
+from softmpc.view.style import COLOURS, DASHES, colour, dash, save_figure, styled
 from softmpc.view.tracking import tracking_figure
 
 ARMS = {
@@ -363,7 +363,8 @@ def test_mp4_where_there_is_ffmpeg(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def test_colours_differ_in_grey_too() -> None:
     grey = [np.dot(to_rgb(colour(i)), (0.299, 0.587, 0.114)) for i in range(len(COLOURS))]
     assert min(abs(a - b) for a, b in pairwise(grey)) > 0.1
-    assert (colour(0), dash(0)) == (colour(len(COLOURS)), dash(4))
+    assert len({dash(unit) for unit in range(6)}) == 6  # arms with so many units a section
+    assert (colour(0), dash(0)) == (colour(len(COLOURS)), dash(len(DASHES)))
 
 
 def test_settings_of_the_user_are_left_alone() -> None:

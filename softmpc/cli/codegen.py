@@ -16,6 +16,7 @@ __all__ = ["command"]
 
 KINDS = ("nmpc", "lqr", "table")
 STAGE = "checking the path", "place"
+OF_NMPC = {"iterations": "--iterations", "max_rows": "--max-rows"}
 
 
 @click.command("codegen")
@@ -60,8 +61,25 @@ def command(
     """
     if out is None:
         raise click.UsageError("codegen needs a folder to write to: give --out DIR")
-    if kind != "nmpc":
-        return _baseline(scene, kind, out, workspace)
+    if kind == "nmpc":
+        made = _nonlinear(scene, out, iterations, max_rows, workspace)
+    else:
+        _refuse_options(kind)
+        made = _baseline(scene, kind, out, workspace)
+    return _with_footprint(made, out) if measured else made
+
+
+def _with_footprint(made: Answer, folder: Path) -> Answer:
+    from softmpc.codegen.footprint import footprint, footprint_table
+
+    with stages("compiling for the board", "precision"):
+        found = footprint(folder)
+    return Answer(made.data | {"footprint": found}, made.text + "\n\n" + footprint_table(found))
+
+
+def _nonlinear(
+    scene: Path, out: Path, iterations: int, max_rows: int | None, workspace: Path | None
+) -> Answer:
     from softmpc.codegen.generate import generate_file
 
     with stages(*STAGE) as stage:
@@ -69,14 +87,21 @@ def command(
             scene, out, stage(*STAGE), iterations=iterations, max_rows=max_rows, workspace=workspace
         )
     data = _about(made) | _margins(out)
-    text = _text(data)
-    if measured:
-        from softmpc.codegen.footprint import footprint, footprint_table
+    return Answer(data, _text(data))
 
-        with stages("compiling for the board", "precision"):
-            data["footprint"] = footprint(made.folder)
-        text += "\n\n" + footprint_table(data["footprint"])
-    return Answer(data, text)
+
+def _refuse_options(kind: str) -> None:
+    """Raise `UsageError` for what was given and a baseline has no use for."""
+    from click.core import ParameterSource
+
+    source = click.get_current_context().get_parameter_source
+    by_hand = ParameterSource.COMMANDLINE
+    given = [option for name, option in OF_NMPC.items() if source(name) is by_hand]
+    if given:
+        raise click.UsageError(
+            f"{' and '.join(given)} is for the quadratic program of --controller nmpc; {kind} has "
+            "none: leave it out"
+        )
 
 
 def _baseline(scene: Path, kind: str, out: Path, workspace: Path | None) -> Answer:

@@ -36,6 +36,7 @@ OK, WRONG_INPUT, NOT_CONVERGED, INTERRUPTED = 0, 2, 3, 130
 Progress = Callable[[float, float], None]
 Stage = Callable[[str, str], Progress]
 log = logging.getLogger(__name__)
+_bars: list[Any] = []  # on the screen now
 
 
 @dataclass(frozen=True)
@@ -131,8 +132,13 @@ def load(path: Path) -> tuple[str, Scene]:
 
 
 def notice(line: str) -> None:
-    """One line on stderr."""
+    """One line on stderr; a progress bar there makes room for it."""
+    for bar in _bars:
+        bar.clear()
     click.echo(line, err=True)
+    for bar in _bars:
+        if sys.stderr.isatty():
+            bar.refresh()
 
 
 @contextmanager
@@ -166,11 +172,14 @@ def stages(first: str, unit: str) -> Iterator[Stage]:
 
             return report
 
+        _bars.append(bar)
         try:
             yield stage
         except BaseException:
             bar.leave = False
             raise
+        finally:
+            _bars.remove(bar)
 
 
 def table(rows: Sequence[tuple[str, object]]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,7 +36,7 @@ LINES = 5  # of statuses that differ, for people
 @click.option(
     "--with", "players", metavar="LIST",
     help="Controllers, separated by commas: python, c, qemu. By default python, and c where C "
-    "wrote the log.",
+    "wrote the log or --code is given.",
 )  # fmt: skip
 @click.option(
     "--code", type=click.Path(path_type=Path), metavar="FOLDER",
@@ -63,8 +64,12 @@ def command(
     from softmpc.codegen.flight_log import read_log
     from softmpc.codegen.replay_setup import players_of, replay_of
 
+    if tolerance is not None and not math.isfinite(tolerance):
+        raise click.BadParameter(
+            f"{tolerance} is no finite number; give one such as 1e-6", param_hint="--tolerance"
+        )
     read = read_log(log)
-    names = players_of(read, players)
+    names = players_of(read, "python,c" if code and players is None else players)
     if read.damage:
         notice(f"warning: {log}: {read.damage}; {len(read.steps)} steps before it are read")
     with stages("making the controller", "place") as stage:

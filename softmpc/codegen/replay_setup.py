@@ -63,12 +63,7 @@ class Replay:
     def _code(self) -> Iterator[Path]:
         """The folder of the controller in C: the one given, or one that is generated now."""
         if self.code is not None:
-            own, h = hash_in(self.code), self.log.header
-            if own != h.scene_hash:
-                raise InputError(
-                    f"{self.code}: is the controller of another problem ({own}) than "
-                    f"{self.log.path} ({h.scene_hash}): give the folder it was made with, or none"
-                )
+            _check_code(self.log, self.code)
             yield self.code
             return
         with tempfile.TemporaryDirectory(prefix="softmpc-replay-") as scratch:
@@ -84,7 +79,7 @@ def players_of(log: FlightLog, names: str | None = None) -> tuple[str, ...]:
     """
     if names is None:
         return ("python", "c") if log.header.writer == "C" else ("python",)
-    found = tuple(name.strip() for name in names.split(","))
+    found = tuple(dict.fromkeys(name.strip() for name in names.split(",")))
     for name in found:
         if name not in PLAYERS:
             raise InputError(unknown_name("replay", name, PLAYERS))
@@ -120,6 +115,8 @@ def replay_of(
     Raises `InputError` where the scene makes another problem than the one the log is of.
     """
     path = scene_of(log, scene)
+    if code is not None:
+        _check_code(log, Path(code))
     title, own, task = read_track_file(path, "project")  # the log says what it was given
     rig = read_rig_file(path) if DISTURBANCE in log.header.names else None
     disturbance = None if rig is None else rig.disturbance
@@ -127,6 +124,16 @@ def replay_of(
         setup = ready(lambda report: set_up(own, task, disturbance, report), progress)
     check_problem(log, path, setup.controller)
     return Replay(log, title, setup, None if code is None else Path(code))
+
+
+def _check_code(log: FlightLog, code: Path) -> None:
+    """Raise `InputError` where a folder is none of the log's controller."""
+    own, logged = hash_in(code), log.header.scene_hash
+    if own != logged:
+        raise InputError(
+            f"{code}: is the controller of another problem ({own}) than {log.path} ({logged}): "
+            "give the folder it was made with, or none"
+        )
 
 
 def check_problem(log: FlightLog, scene: str | os.PathLike[str], mpc: Mpc) -> None:
