@@ -113,6 +113,13 @@ def test_balance_closes(scene: str) -> None:
     assert not found.missing
 
 
+def test_balance_closes_on_a_tiny_arm() -> None:
+    """Its motions are as small as what is exact for a long one."""
+    model = model_of(arm(replace(PAPER.sections[0], length=0.002)))
+    motion = simulate(model, InputProfile.of(3, [Step(1, 0.0, 0.5)]), 0.1, tip_tolerance=1e-9)
+    assert audit(model, motion).closure < 1e-4
+
+
 def test_balance_closes_over_hydraulics() -> None:
     found = audit(*moved())
     assert found.closure < 1e-7

@@ -25,7 +25,8 @@ from softmpc.simulation.result import Simulation
 __all__ = ["MotionBetween"]
 
 Array = np.ndarray
-TIGHT = 1e-7  # m at the tip, where states are integrated anew
+TIGHT = 2e-7  # of the arm's length, at the tip, where states are integrated anew
+LONG = 0.5  # m; a longer arm is followed as closely
 WORST_MODES = 1e8  # condition of the drive's modes up to which the closed form is trusted
 
 
@@ -72,7 +73,8 @@ class MotionBetween:
         """
         if not which.any():
             return self
-        integrator = integrator_for(self.model, tip_tolerance=TIGHT)
+        tolerance = TIGHT * min(self.model.scene.manipulator.length, LONG)
+        integrator = integrator_for(self.model, tip_tolerance=tolerance)
         share = np.arange(parts)[:, None] / parts
         times, x, inputs = [], [self.x[:1]], [self.u0[:0]]
         for k, length in enumerate(self.lengths.tolist()):
