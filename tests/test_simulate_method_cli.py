@@ -51,6 +51,7 @@ def test_numbers_that_the_scenes_method_does_not_take(scene: Path) -> None:
         result = simulate(scene, *words)
         assert result.exit_code == 2
         assert "method 'idas' takes tolerance (relative)" in result.stderr
+        assert "command line: " in result.stderr
     assert simulate(scene, "--method", "radau", "--step", "0.02").exit_code == 0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,10 +12,13 @@ import pytest
 from softmpc.model.model import build
 from softmpc.model.presets import chen2022
 from softmpc.model.scene import Scene
+from softmpc.simulation.inputs import InputProfile, Step
+from softmpc.simulation.run import simulate
 from softmpc.statics.inverse import InverseStatics
 from softmpc.statics.targets import Position
-from softmpc.view.arm import smooth, space
+from softmpc.view.arm import even_ticks, smooth, space
 from softmpc.view.inverse import batch_figure
+from softmpc.view.motion import motion_figure
 from softmpc.view.style import figure
 
 
@@ -32,6 +37,29 @@ def test_narrow_sides_have_more_than_one_tick() -> None:
     assert steps == pytest.approx(np.full(len(steps), 0.1))
     tiny: Any = space(figure(5, 5), 111, box(0.01, 0.01, 0.025), hangs=False)
     assert numbers(tiny.xaxis) == [0.0]  # for more, the numbers are too long
+
+
+def test_long_numbers_do_not_touch() -> None:
+    axes: Any = figure(3.0, 3.0).add_subplot()
+    small = box(0.07, 0.07, 0.07)
+    axes.set_xlim(*small[:, 0])
+    even_ticks(axes.xaxis, small[:, 0], small)
+    axes.figure.draw_without_rendering()
+    shown = [text.get_window_extent() for text in axes.get_xticklabels()]
+    assert len(shown) > 1
+    assert all(one.x1 < following.x0 for one, following in pairwise(shown))
+
+
+def test_the_legend_of_a_motion_is_off_its_axes_names() -> None:
+    arm = chen2022()
+    model = build(Scene(replace(arm, sections=(*arm.sections, arm.sections[0]))))
+    motion = simulate(model, InputProfile.of(9, [Step(1, 0.0, 1.0)]), 0.02)
+    made = motion_figure(model, motion)
+    made.draw_without_rendering()
+    legend = made.legends[0].get_window_extent()
+    axes: Any = made.axes[0]
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        assert not axis.label.get_window_extent().overlaps(legend)
 
 
 def test_the_name_of_z_stands_beside_its_numbers() -> None:

@@ -115,7 +115,7 @@ def _method(
     given: dict[str, Any] = {key: value for key, value in numbers.items() if value is not None}
     # A number alone goes to the method of the scene: it must not exchange that unsaid.
     given["method"] = name or read_document(scene).get("simulate", {}).get("method", "radau")
-    return {**numbers, "tolerance": None, **read_method(Table(given, "command line:"))}
+    return {**numbers, "tolerance": None, **read_method(Table(given, "command line"))}
 
 
 def _draw(out: Path, scene: Path, done: Simulation, animate: bool) -> None:

@@ -140,16 +140,19 @@ def even_ticks(axis: Any, ends: np.ndarray, box: np.ndarray) -> None:
 
 
 def _step(box: np.ndarray) -> float:
-    """At most 8 steps along the longest side.
+    """At most 8 steps along the longest side, 5 where long numbers would stand side by side.
 
     A finer one where a side had but one tick, and there is room for its numbers.
     """
-    size = (box[1] - box[0]).max()
+    size, wide = (box[1] - box[0]).max(), (box[1] - box[0])[:2].max()
     decade = 10.0 ** np.floor(np.log10(size))
     steps = decade * np.array([0.1, 0.2, 0.5, 1, 2])
-    k = next(k for k in range(1, len(steps)) if size < 8 * steps[k])
+    short = steps > 0.09  # numbers
+    k = next(
+        k for k in range(1, len(steps)) if size < 8 * steps[k] and (short[k] or wide < 5 * steps[k])
+    )
     fewest = min(len(_ticks(steps[k], ends, box)) for ends in box.T)
-    return float(steps[k - 1] if fewest < 2 and steps[k - 1] > 0.09 else steps[k])
+    return float(steps[k - 1] if fewest < 2 and short[k - 1] else steps[k])
 
 
 def _ticks(step: float, ends: np.ndarray, box: np.ndarray) -> np.ndarray:

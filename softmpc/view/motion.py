@@ -57,7 +57,7 @@ def motion_figure(model: Model, motion: Any, title: str = "Motion") -> Figure:
     handles, names = plane.get_legend_handles_labels()
     if obstructed:
         handles, names = [*handles, obstacle_key()], [*names, "obstacle"]
-    made.legend(handles, names, loc="outside lower left", ncols=min(len(names), 6))
+    made.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
     return made
 
 
