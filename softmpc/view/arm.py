@@ -142,7 +142,7 @@ def even_ticks(axis: Any, ends: np.ndarray, box: np.ndarray) -> None:
 def _step(box: np.ndarray) -> float:
     """At most 8 steps along the longest side, 5 where long numbers would stand side by side.
 
-    A finer one where a side had but one tick, and there is room for its numbers.
+    A finer one where a side had but one tick, if that makes no more than 10.
     """
     size, wide = (box[1] - box[0]).max(), (box[1] - box[0])[:2].max()
     decade = 10.0 ** np.floor(np.log10(size))
@@ -152,7 +152,8 @@ def _step(box: np.ndarray) -> float:
         k for k in range(1, len(steps)) if size < 8 * steps[k] and (short[k] or wide < 5 * steps[k])
     )
     fewest = min(len(_ticks(steps[k], ends, box)) for ends in box.T)
-    return float(steps[k - 1] if fewest < 2 and short[k - 1] else steps[k])
+    finer = fewest < 2 and short[k - 1] and size < 10 * steps[k - 1]
+    return float(steps[k - 1] if finer else steps[k])
 
 
 def _ticks(step: float, ends: np.ndarray, box: np.ndarray) -> np.ndarray:
