@@ -8,13 +8,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from arms import MIXED, PAPER, model_of
+from arms import MIXED, PAPER, arm, model_of
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from softmpc.errors import BuildError, InputError
-from softmpc.model.actuation import HydraulicDrive, StaticDrive
-from softmpc.model.effects import EnvironmentDamping, Gravity, Inertia
+from softmpc.model.actuation import HydraulicDrive, PressureDrive, StaticDrive
+from softmpc.model.effects import (
+    Coriolis,
+    EnvironmentDamping,
+    Gravity,
+    Inertia,
+    MaterialDamping,
+)
 from softmpc.model.formulations import NewtonEuler
 from softmpc.model.model import Model
 from softmpc.model.parameters import Hydraulics
@@ -158,14 +164,25 @@ def test_start_of_a_heavy_arm() -> None:
     assert found == pytest.approx(RadauIIA(model, 1e-8).advance([*q, *dq], u, 0.025)[-1], abs=1e-6)
 
 
+def test_start_of_a_fast_arm(capfd: pytest.CaptureFixture[str]) -> None:
+    """Half a millisecond within a swing; the line search fails at first, and says nothing."""
+    effects = (Inertia(), Coriolis(), EnvironmentDamping(), MaterialDamping())
+    slots: dict[str, Any] = {"effects": effects, "actuation": PressureDrive()}
+    model = model_of(arm(PAPER.sections[0]), strains=("epsilon", "kappa_x", "kappa_y"), **slots)
+    x, u = [0.146174, 0.0, 0.173238, 34.1643, 0.0, 43.9029], [0.00409325, 1e6, 1e6]
+    found = Idas(model, 1e-9).advance(x, u, 0.000558296, 8)[-1]
+    assert found == pytest.approx(RadauIIA(model, 1e-9).advance(x, u, 0.000558296)[-1], abs=1e-5)
+    assert capfd.readouterr() == ("", "")
+
+
 def test_what_cannot_move() -> None:
     with pytest.raises(BuildError, match=r"no mass: kappa_z.*rotary_inertia"):
         Idas(model_of(effects=(Gravity(), Inertia())))
     with pytest.raises(BuildError, match="neither"):
         Idas(model_of(effects=(Gravity(),)))
-    arm = replace(PAPER, sections=tuple(replace(s, angular_damping=0.0) for s in PAPER.sections))
+    still = replace(PAPER, sections=tuple(replace(s, angular_damping=0.0) for s in PAPER.sections))
     with pytest.raises(BuildError, match="damping in every strain"):
-        Idas(model_of(arm, effects=(Gravity(), EnvironmentDamping())))
+        Idas(model_of(still, effects=(Gravity(), EnvironmentDamping())))
 
 
 def test_idas_gives_its_reason(monkeypatch: Any) -> None:

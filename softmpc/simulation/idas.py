@@ -14,7 +14,10 @@ is inverted on the way. T is a parameter, so one integrator serves every length 
 from __future__ import annotations
 
 import re
+import threading
+from contextlib import AbstractContextManager, nullcontext, redirect_stderr
 from functools import cached_property, lru_cache
+from io import StringIO
 from typing import Any
 
 import casadi as ca
@@ -28,8 +31,9 @@ __all__ = ["Idas"]
 
 MOST_STEPS = 100_000  # between two samples
 # Of the interval: to where IDAS looks ahead as it makes the start consistent. As far as the end of
-# the interval its line search does not always get there, near as the start is.
-FIRST_TIME = 0.01
+# the interval its line search does not always get there, near as the start is, and from no other
+# place always either: where it does not, the next one is tried.
+FIRST_TIMES = (0.01, 1e-4, 1.0)
 
 
 class Idas:
@@ -42,7 +46,7 @@ class Idas:
     def __init__(self, model: Model, tolerance: float = 1e-8) -> None:
         self.model, self.tolerance = model, relative_tolerance(tolerance)
         self.system = System(model)
-        self._integrator = lru_cache(maxsize=8)(self._make)  # by the number of samples
+        self._integrator = lru_cache(maxsize=8)(self._make)  # by its arguments
 
     def advance(
         self, x: Any, u: Any, duration: float, samples: int = 1, u_end: Any = None
@@ -58,16 +62,26 @@ class Idas:
         arm = [given.q, given.dq] if system.order == 2 else [given.q]
         x0 = np.concatenate([*arm, given.z[: system.k]]) / self._scales[0]
         p = np.concatenate([[duration], coefficients])
-        try:
-            solved = self._integrator(samples)(x0=x0, z0=y[: system.n] / self._scales[1], p=p)
-        except RuntimeError as error:
-            raise IntegrationError(_reason(error)) from None
+        solved = self._solve(samples, x0=x0, z0=y[: system.n] / self._scales[1], p=p)
         states = self._states(np.asarray(solved["xf"]).T, np.asarray(solved["zf"]).T)
         if drive is not None:
             states = np.hstack([states, drive.states(system.law(given), given.times)])
         if not np.all(np.isfinite(states)):
             raise IntegrationError("IDAS: the motion is no longer finite")
         return states
+
+    def _solve(self, samples: int, **given: np.ndarray) -> dict[str, Any]:
+        """The outputs of the integrator; what SUNDIALS prints is in the exception."""
+        reason = ""
+        for first_time in FIRST_TIMES:
+            try:
+                with _quiet():
+                    return self._integrator(samples, first_time)(**given)
+            except RuntimeError as error:
+                reason = _reason(error)
+                if "linesearch" not in reason:
+                    break
+        raise IntegrationError(reason)
 
     def prepare(self) -> None:
         """Make the functions now, not with the first step."""
@@ -110,17 +124,23 @@ class Idas:
         balance = _residual_with_jacobian(model)(*motion, pressure) / model.layout.r.scale
         return {"t": s, "x": x, "z": a, "p": p, "ode": p[0] * rates / x_scale, "alg": balance}
 
-    def _make(self, samples: int) -> ca.Function:
+    def _make(self, samples: int, first_time: float) -> ca.Function:
         options = {
             "abstol": self.tolerance,
             "reltol": self.tolerance,
-            "first_time": FIRST_TIME,
+            "first_time": first_time,
             "suppress_algebraic": True,  # accelerations follow from the states: no error test
             "max_num_steps": MOST_STEPS,
             "disable_internal_warnings": True,  # the reason is in the exception
         }
         grid = np.arange(1, samples + 1) / samples
         return ca.integrator("arm", "idas", self._dae, 0.0, grid, options)
+
+
+def _quiet() -> AbstractContextManager[Any]:
+    """Without messages on stderr; it is one for all threads, so only the main one turns it away."""
+    main = threading.current_thread() is threading.main_thread()
+    return redirect_stderr(StringIO()) if main else nullcontext()
 
 
 def _residual_with_jacobian(model: Model) -> ca.Function:
