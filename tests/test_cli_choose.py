@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from softmpc.accuracy import choose as choosing
 from softmpc.accuracy import choose_families, choose_rate, motion_cost, study
 from softmpc.accuracy.bound import CALIBRATED
 from softmpc.accuracy.choose_families import GOALS
+from softmpc.accuracy.choose_file import clear_place
 from softmpc.accuracy.motion_reference import COARSER, FINE
 from softmpc.accuracy.store import Store
 from softmpc.accuracy.study import read_task
@@ -149,15 +151,32 @@ def test_the_same_command_measures_nothing_again(
 
 
 @pytest.mark.slow
-def test_refused_with_reasons(scene: Path, chosen: tuple[dict[str, Any], Path]) -> None:
-    """Times and errors that were kept serve another tolerance and rate."""
-    out = chosen[1]
+def test_refused_with_reasons(
+    scene: Path, chosen: tuple[dict[str, Any], Path], tmp_path: Path
+) -> None:
+    """Times and errors that were kept serve another tolerance and rate; no old answer stays."""
+    out = shutil.copytree(chosen[1], tmp_path / "out")
     words = ("choose", scene, "--tolerance", "2mm", "--rate", "100kHz", "--workers", 1)
     result = softmpc(*words, "--out", out)
     assert result.exit_code == 3
     assert "leaves 0.01 ms" in result.stdout and "try:" in result.stdout
     assert "the fastest candidate" in result.stdout
     assert result.stderr.splitlines()[-1].startswith("error: no candidate will do")
+    assert not (out / "chosen.toml").exists()
+
+
+def test_an_answer_takes_the_place_of_answers_alone(scene: Path, tmp_path: Path) -> None:
+    """Neither of the scene that is asked about, nor of a scene of the user."""
+    own = tmp_path / "chosen.toml"
+    own.write_text(SWING, encoding="utf-8")
+    (tmp_path / "torques.csv").write_bytes((scene.parent / "torques.csv").read_bytes())
+    result = softmpc("choose", own, "--tolerance", "2mm", "--out", tmp_path)
+    assert result.exit_code == 2 and "would be replaced by what is chosen" in result.stderr
+    clear_place(tmp_path)
+    assert own.read_text(encoding="utf-8") == SWING
+    own.write_text("# Chosen by: softmpc choose\n" + SWING, encoding="utf-8")
+    clear_place(tmp_path)
+    assert not own.exists()
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_the_same_run_in_c(scene: Path, tmp_path: Path) -> None:
 
 
 def test_a_directory_is_written(scene: Path, tmp_path: Path) -> None:
-    out = tmp_path / "controller"
+    out = tmp_path / "my controller"
     made = call("codegen", scene, "--out", out, "--iterations", 50, "--max-rows", 12, "--json")
     assert made.exit_code == 0, made.output
     said = json.loads(made.stdout)
@@ -80,7 +80,7 @@ def test_a_directory_is_written(scene: Path, tmp_path: Path) -> None:
     assert f'"{said["scene_hash"]}"' in sizes
     again = call("codegen", scene, "--out", out)  # over itself, with other settings
     assert again.exit_code == 0
-    assert f"make -C {out} test" in again.stdout
+    assert f"make -C '{out}' test" in again.stdout
     assert "#define SMPC_QP_ITERATIONS 1000" in (out / "sizes.h").read_text()
 
 

@@ -335,7 +335,7 @@ def test_kinds_of_findings() -> None:
         kind = row.partition(":")[0]
         assert has(Finding(kind, 0.0, 1.0, (0.0, 0.0, 0.9), 12.0, "mm").text, row)
     assert "`--on-infeasible project`" in PAGE
-    with pytest.raises(SoftmpcError, match="--on-infeasible project"):
+    with pytest.raises(SoftmpcError, match='--on-infeasible project, or on_infeasible = "project"'):
         infeasible()
 
 

@@ -217,6 +217,15 @@ def test_nothing_overlaps(pictures: dict[str, Any]) -> None:
             assert all(made.bbox.contains(*corner) for corner in box.corners()), (name, text)
 
 
+def test_one_axis_of_controllers_has_room() -> None:
+    """For title and legend, which are wider than one panel has to be."""
+    points = tuple(p for p in loop().points if p.configuration.axis in ("as given", "solver"))
+    (made,) = [m for n, m in study_figures(study(FamilyResult("loop", {}, points))).items()
+               if n == "controllers-loop.png"]  # fmt: skip
+    boxes = [Text.get_window_extent(text) for text in texts_of(made)]
+    assert all(made.bbox.contains(*corner) for box in boxes for corner in box.corners())
+
+
 def test_legends_are_beside_the_data(pictures: dict[str, Any]) -> None:
     for name, made in pictures.items():
         made.draw_without_rendering()

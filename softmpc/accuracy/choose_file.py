@@ -11,13 +11,31 @@ from softmpc.accuracy.bound import CALIBRATED, SHARE
 from softmpc.accuracy.choose_families import GOALS
 from softmpc.accuracy.choose_rate import rate_text
 from softmpc.accuracy.choose_result import Choice
+from softmpc.errors import InputError
 from softmpc.files import replacing
 from softmpc.study.lengths import length_text
 
-__all__ = ["evidence_lines", "time_text", "write_choice"]
+__all__ = ["check_place", "clear_place", "evidence_lines", "time_text", "write_choice"]
 
 NAME = "chosen.toml"
+CHOSEN_BY = "Chosen by:"
 WIDTH = 100
+
+
+def check_place(scene: Path, out: Path) -> None:
+    """Raise `InputError` where the scene is itself in the place of the answer."""
+    target = out / NAME
+    if target.exists() and target.samefile(scene):
+        raise InputError(
+            f"{scene}: would be replaced by what is chosen; name another folder (--out)"
+        )
+
+
+def clear_place(out: Path) -> None:
+    """Take away what an earlier choice has written there: it is not what the latest one found."""
+    target = out / NAME
+    if target.exists() and target.read_bytes().startswith(f"# {CHOSEN_BY}".encode()):
+        target.unlink()
 
 
 def write_choice(choice: Choice, folder: Path, out: Path, command: str = "") -> Path:
@@ -46,7 +64,7 @@ def evidence_lines(choice: Choice, command: str = "") -> Iterator[str]:
     assert chosen is not None and chosen.bound_m is not None
     error, calibrated = chosen.point.error, CALIBRATED[goal.family]
     if command:
-        yield f"Chosen by: {command}"
+        yield f"{CHOSEN_BY} {command}"
     yield f"Changed: {chosen.point.name}."
     label = _without_unit(GOALS[goal.family].error_label)
     yield f"Measured: {label}: {length_text(error['error_m'])}."

@@ -82,10 +82,12 @@ def command(
     an interrupted choice goes on, and another tolerance costs less.
     """
     from softmpc.accuracy.choose import choose
-    from softmpc.accuracy.choose_file import write_choice
+    from softmpc.accuracy.choose_file import check_place, clear_place, write_choice
     from softmpc.accuracy.study import read_task
 
     task = read_task(scene)
+    if out:
+        check_place(scene, out)
     with executor_for(workers, dask) as executor, stages("references", "case") as stage:
         choice = choose(
             task,
@@ -98,6 +100,8 @@ def command(
             stage=lambda what: stage(what, "case"),
         )
     told = _told(scene.name, choice)
+    if out and choice.status == "refused":
+        clear_place(out)
     if out and choice.chosen:
         log.info("wrote %s", write_choice(choice, scene.parent, out, told))
     data = {**choice.summary(), "command": told}

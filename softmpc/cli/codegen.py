@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,7 +150,7 @@ def _said(data: dict[str, Any]) -> str:
 
 
 def _run(folder: Path) -> str:
-    return f"make -C {folder} test"
+    return f"make -C {shlex.quote(str(folder))} test"
 
 
 def _about(made: Generated) -> dict[str, Any]:

@@ -313,7 +313,7 @@ def _stop_where_infeasible(findings: Sequence[Finding]) -> None:
     advice = "; ".join(dict.fromkeys(what for kind, what in ADVICE.items() if kind in kinds))
     raise SceneError(
         f"[track]: the path is infeasible:{said}\n  {advice}; or run it as far as it goes with "
-        "--on-infeasible project"
+        '--on-infeasible project, or on_infeasible = "project" in [track]'
     )
 
 

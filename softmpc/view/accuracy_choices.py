@@ -43,6 +43,7 @@ IDEAL = "own_plant_m"  # error without an error of the model
 LETTERS = 18  # of a name in one line
 TIMED = ("compilation", "derivatives")
 ACROSS = 4  # panels side by side
+NARROWEST = 6.4  # inches: title and legend of the controllers are that wide
 ERROR, TIME = "largest tip error (m)", "step time, 95 % (s)"  # room is small
 NUMBERS = {  # what numbers of scene files are called, with units
     "horizon": "horizon (steps)",
@@ -82,7 +83,7 @@ def controllers_figure(study: Study, family: FamilyResult) -> Figure:
     """Error and step time over what each axis varies, with the time a step may take."""
     axes_names = controller_axes(family)
     rows = -(-len(axes_names) // ACROSS)
-    made = figure(3.2 * min(ACROSS, len(axes_names)) + 0.4, 0.9 + 5.0 * rows,
+    made = figure(max(NARROWEST, 3.2 * min(ACROSS, len(axes_names)) + 0.4), 0.9 + 5.0 * rows,
                   "Controllers: error in closed loop, and time of a step")  # fmt: skip
     grid = made.subplots(2 * rows, min(ACROSS, len(axes_names)), squeeze=False)
     unit = time_unit(p.time_s for p in family.points if positive(p.time_s) and p.time_s)
