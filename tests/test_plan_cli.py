@@ -67,6 +67,15 @@ def test_what_gives_way_is_named(tmp_path: Path) -> None:
     assert kept.status == "infeasible" and kept.gives_way[0].amount > 0.01
 
 
+def test_pressures_have_their_unit_and_what_fails_no_sensitivities(tmp_path: Path) -> None:
+    hurried = {"least": "effort", "duration": 0.003, "torque_rate": None, "start": None}
+    scene = write(tmp_path, {"actuation": {"kind": "pressure"}}, **hurried)
+    done = softmpc(scene, "--sensitivity", "sections.mass", "--workers", "1")
+    assert done.exit_code == 3
+    assert " Pa²s, on one mesh only" in done.stdout
+    assert "no sensitivities: they are those of a plan that is solved" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

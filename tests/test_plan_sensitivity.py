@@ -255,6 +255,12 @@ def test_text_and_numbers():
     }  # fmt: skip
 
 
+def test_pressures_are_in_mpa():
+    empty = PlanSensitivities("rest", "jerk", "Pa²/s", True, True, 1, 0, ())
+    head = empty.text().splitlines()[0]
+    assert "cost, Pa²/s" in head and "input, MPa" in head
+
+
 def test_defaults_are_stiffness_mass_and_payload():
     from softmpc.model.payload import Payload
 

@@ -87,6 +87,8 @@ def command(
         found = find_sensitivities(result, names)
         data["sensitivities"] = found.summary()
         text = f"{text}\n\n{found.text()}"
+    elif names:
+        text = f"{text}\n\nno sensitivities: they are those of a plan that is solved"
     return Answer(data, text, *_judge(result))
 
 

@@ -14,7 +14,7 @@ from softmpc.planning.problem import PlanProblem
 from softmpc.planning.replay import Replay
 
 __all__ = ["FAILED", "INFEASIBLE", "INTERRUPTED", "NOT_LEAST", "NOT_VERIFIED", "SOLVED", "Level",
-           "PlanResult", "StartReport"]  # fmt: skip
+           "PlanResult", "StartReport", "cost_unit"]  # fmt: skip
 
 SOLVED = "solved"
 NOT_LEAST = "not least"  # all is met, but the iterations ended before the least was found
@@ -22,9 +22,15 @@ NOT_VERIFIED = "not verified"  # the finest mesh does not agree with its replay
 INFEASIBLE = "infeasible"  # something gives way
 FAILED = "no motion"  # no start led to any
 INTERRUPTED = "interrupted"
-UNITS = {"time": "s", "effort": "N²m²s", "jerk": "N²m²/s"}
+SQUARES = {"torque": "N²m²", "pressure": "Pa²"}  # of the inputs
 
 Array = np.ndarray
+
+
+def cost_unit(problem: PlanProblem) -> str:
+    """The SI unit of what is least."""
+    squared = SQUARES[problem.model.scene.actuation.input]
+    return {"time": "s", "effort": f"{squared}s", "jerk": f"{squared}/s"}[problem.least]
 
 
 @dataclass(frozen=True)
@@ -128,7 +134,7 @@ class PlanResult:
             "time_s": self.time,
             "durations_s": found.durations.tolist(),
             "cost": found.cost,
-            "cost_unit": UNITS[self.problem.least],
+            "cost_unit": cost_unit(self.problem),
             "cost_error": self.cost_error,
             "intervals": len(found.u),
             "defect_mm": 1e3 * replay.defect,

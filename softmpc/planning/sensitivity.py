@@ -22,7 +22,7 @@ from softmpc.errors import InputError
 from softmpc.model.payload import Payload
 from softmpc.model.scene import Scene
 from softmpc.planning.attempt import Attempt
-from softmpc.planning.result import UNITS, PlanResult
+from softmpc.planning.result import PlanResult, cost_unit
 from softmpc.planning.sensitivity_open_loop import OpenLoop, open_loop
 from softmpc.planning.sensitivity_optimum import Optimum, find_optimum
 from softmpc.planning.sensitivity_scene import Numbers, Slopes, Varied, rests
@@ -43,7 +43,7 @@ class Replanned:
     beyond it `durations` and `u` are others, while `cost` changes its slope only.
     """
 
-    cost: float  # s, or N²m²s, or N²m²/s
+    cost: float  # in the plan's `cost_unit`
     durations: Array  # s
     u: Array  # K×k, N·m or Pa
     within: float
@@ -68,10 +68,13 @@ class PlanSensitivities:
     `exact`: the optimum next to the plan was found to rounding, and the KKT conditions are those
     of it. `freedom` is how many moves the limits leave to the objective there, `flat` in how many
     of these it hardly tells one motion from others: `Replanned.u` has no change along those.
+    `pressures` says that the inputs are pressures, not torques.
     """
 
     start: str
     least: str
+    cost_unit: str
+    pressures: bool
     exact: bool
     freedom: int
     flat: int
@@ -96,7 +99,7 @@ class PlanSensitivities:
         if anew is not None:
             data |= {
                 "cost_per_percent": 0.01 * anew.cost,
-                "cost_unit": UNITS[self.least],
+                "cost_unit": self.cost_unit,
                 "durations_ms_per_percent": (10 * anew.durations).tolist(),
                 "input_per_percent": 0.01 * float(np.abs(anew.u).max()),
                 "within_percent": 100 * anew.within,
@@ -106,8 +109,8 @@ class PlanSensitivities:
     def text(self) -> str:
         """A table for people."""
         heads = ["a number 1 % higher", "end, mm", "drift, mm", "settled, mm", "turned, deg"]
-        heads += ["time, ms"] if self.least == "time" else [f"cost, {UNITS[self.least]}"]
-        heads += ["input, N·m", "within"]
+        heads += ["time, ms"] if self.least == "time" else [f"cost, {self.cost_unit}"]
+        heads += ["input, MPa" if self.pressures else "input, N·m", "within"]
         rows = [heads, *(self._row(one) for one in self.numbers)]
         widths = [max(len(row[i]) for row in rows) for i in range(len(heads))]
         lines = [
@@ -127,7 +130,8 @@ class PlanSensitivities:
         if anew is None:
             return [*row, "-", "-", "-"]
         row.append(f"{10 * anew.cost:+.3g}" if self.least == "time" else f"{0.01 * anew.cost:+.3g}")
-        return [*row, f"{0.01 * float(np.abs(anew.u).max()):.3g}", f"{100 * anew.within:.2g} %"]
+        change = 0.01 * float(np.abs(anew.u).max()) * (1e-6 if self.pressures else 1.0)
+        return [*row, f"{change:.3g}", f"{100 * anew.within:.2g} %"]
 
     def _notes(self) -> list[str]:
         ways = {"rest": "at rest under the start's input", "state": "in the state of the plan"}
@@ -183,8 +187,10 @@ def find_sensitivities(
         anew = None if optimum is None else _replanned(attempt, optimum, varied)
         found.append(Sensitivity(one.name, one.values, units, way, anew))
     kkt = None if optimum is None else optimum.kkt
+    problem = result.problem
     return PlanSensitivities(
-        begin, result.problem.least, optimum is not None and optimum.exact,
+        begin, problem.least, cost_unit(problem),
+        problem.model.scene.actuation.input == "pressure", optimum is not None and optimum.exact,
         kkt.freedom if kkt else 0, kkt.flat if kkt else 0, tuple(found),
     )  # fmt: skip
 

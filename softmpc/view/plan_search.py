@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.planning.result import NOT_LEAST, SOLVED, UNITS, PlanResult
+from softmpc.planning.result import NOT_LEAST, SOLVED, PlanResult, cost_unit
 from softmpc.view.style import COLOURS, INK, LIMIT, figure, label, styled
 from softmpc.view.time_plots import plain_log
 
@@ -69,8 +69,7 @@ def _draw_starts(axes: Axes, result: PlanResult) -> None:
 
 
 def _cost(result: PlanResult) -> str:
-    least = result.problem.least
-    return f"{least} ({UNITS[least]})"
+    return f"{result.problem.least} ({cost_unit(result.problem)})"
 
 
 def _draw_cost(axes: Axes, result: PlanResult) -> None:
