@@ -97,11 +97,21 @@ class Baseline:
             scene = change.apply(self.model.scene)
             self._check_strains(scene)
             model = build(scene)
+            self._check_start(model)
             errors = Errors.between(self.runner.tight(model), self.motion)
             wall_s, beside_s = self.runner.wall_s(model, self.model)
             return Row(change, "finished", errors, Cost.of(model, wall_s), beside_s)
         except (SoftmpcError, RuntimeError) as error:  # CasADi raises RuntimeError
             return Row(change, reason(error))
+
+    def _check_start(self, model: Model) -> None:
+        """Raise `SceneError` where the motion starts from a state that a model does not have."""
+        given = not isinstance(self.runner.settings.start, str)
+        if given and model.layout.x.names != self.model.layout.x.names:
+            raise SceneError(
+                "has other states than the one that the motion starts from; "
+                'take start = "rest" to try it'
+            )
 
     def _check_strains(self, scene: Scene) -> None:
         """Raise `SceneError` where a plane is left that the motion does not stay in."""

@@ -238,7 +238,7 @@ class _Again:
         span, each = window.end - window.start, self.settings.sample_time
         profile = later(self.settings.profile, window.start)
         start: str | np.ndarray = self.settings.start
-        if not window.whole:
+        if not (window.whole and isinstance(start, str)):
             rest = start_state(model, InputProfile.constant(profile(0.0).tolist()), "straight")
             start = mapped_state(self.motion.x[window.first], self.model, model, rest)
         again = motion_of(
