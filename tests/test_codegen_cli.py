@@ -101,6 +101,8 @@ def test_a_directory_is_written(scene: Path, tmp_path: Path) -> None:
         (["track", "SCENE", "--precision", "float"], "--precision float is for --controller c"),
         (["track", "SCENE", "--compare", "--controller", "c"], "--compare runs controllers"),
         (["track", "SCENE", "--record", "FULL/none/x.log"], "x.log"),
+        (["track", "SCENE", "--record", "SCENE"], "is no flight log, and a log would replace it"),
+        (["track", "SCENE", "--record", "FULL/thesis.tex"], "is no flight log"),
     ],
 )
 def test_wrong_words(words: list[str], message: str, scene: Path, tmp_path: Path) -> None:

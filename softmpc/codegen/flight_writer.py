@@ -20,20 +20,34 @@ from softmpc.codegen.flight_format import (
 )
 from softmpc.errors import InputError
 
-__all__ = ["Closing", "FlightWriter", "LogFile"]
+__all__ = ["Closing", "FlightWriter", "LogFile", "check_place"]
 
 LOG = logging.getLogger(__name__)
+
+
+def check_place(path: str | os.PathLike[str]) -> None:
+    """Raise `InputError` where a log would replace a file that is something else."""
+    try:
+        with open(path, "rb") as file:
+            found = file.read(len(form.MAGIC)) if Path(path).is_file() else b""
+    except OSError:
+        return  # not there; or it cannot be written either, which is said where it is begun
+    if not form.MAGIC.startswith(found):
+        raise InputError(
+            f"{path}: is no flight log, and a log would replace it; name another file (--record)"
+        )
 
 
 class LogFile:
     """A file that is begun anew; what is put in is with the operating system at once.
 
     Where the disk takes no more the file ends, with a warning: nobody stops an arm for that. Raises
-    `InputError` where it cannot be begun.
+    `InputError` where it cannot be begun, or where a file of something else is.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
+        check_place(path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115

@@ -14,6 +14,7 @@ from softmpc.codegen.compiled_controller import CompiledController
 from softmpc.codegen.compiled_pilot import CompiledPilot
 from softmpc.codegen.estimator_pilot import files
 from softmpc.codegen.flight_recorder import record
+from softmpc.codegen.flight_writer import check_place
 from softmpc.codegen.generate import generate
 from softmpc.control.tracking import Setup
 from softmpc.rig.rigging import Rig
@@ -27,7 +28,8 @@ class InTheLoop:
 
     With `code` that is the controller in C, `single` in float, in the same loop as that in Python;
     with `log` it writes a flight log there, which says that it is of the file `scene`. Raises
-    `BuildError` where there is no compiler, before anything takes time.
+    `BuildError` where there is no compiler, and `InputError` where the log would replace another
+    file, before anything takes time.
     """
 
     code: bool = True
@@ -38,6 +40,8 @@ class InTheLoop:
     def __post_init__(self) -> None:
         if self.code:
             require_compiler()
+        if self.log is not None:
+            check_place(self.log)
 
     @contextmanager
     def __call__(self, setup: Setup) -> Iterator[Any]:
