@@ -275,6 +275,6 @@ def _check_limit(problem: PlanProblem, limit: Limit, place: int) -> None:
             wider = "widen the limit" if place > 0 else "take a smaller back_off"
             hint = 'with posture = "greatest-margin", ' if place < 1 else ""
             raise SceneError(
-                f"{where}: the arm starts with {name} = {number:.4g} {unit}, "
+                f"{where}: the arm starts with {name} = {f'{number:.4g} {unit}'.strip()}, "
                 f"outside of {low:.4g} to {high:.4g}: start elsewhere, {hint}or {wider}"
             )
