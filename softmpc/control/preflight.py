@@ -204,9 +204,7 @@ def _boxed(rest: RestPath, limits: Sequence[Limit]) -> list[Finding]:
         if isinstance(limit, TipBox) and limit.section in (None, last):
             over = beyond(places[:, ["xyz".index(limit.axis)]], limit.low, limit.high)
             note = f"{limit.axis} from {limit.low:g} to {limit.high:g} m"
-            found += stretches(
-                "tip box", reference, t, 1e3 * over, 1e3 * IN_REACH, "mm", lambda _, said=note: said
-            )
+            found += stretches("tip box", reference, t, 1e3 * over, 1e3 * IN_REACH, "mm", note)
     return found
 
 
@@ -262,16 +260,19 @@ def stretches(
     excess: Array,
     allowed: float,
     unit: str,
-    note: object = None,
+    note: str | Callable[[int], str] = "",
 ) -> list[Finding]:
-    """One finding for each stretch of time in which the excess (N) is above what is allowed."""
+    """One finding for each stretch of time in which the excess (N) is above what is allowed.
+
+    `note` is about each, or makes one of the row where it is worst.
+    """
     over = np.concatenate([[0], (excess > allowed).astype(int), [0]])
     starts, ends = np.flatnonzero(np.diff(over) == 1), np.flatnonzero(np.diff(over) == -1)
     findings = []
     for a, b in zip(starts, ends, strict=True):
         worst = a + int(np.argmax(excess[a:b]))
         place = reference.position(t[worst : worst + 1])[0]
-        said = note(worst) if callable(note) else ""
+        said = note(int(worst)) if callable(note) else note
         findings.append(
             Finding(kind, t[a], t[b - 1], tuple(place.tolist()), float(excess[worst]), unit, said)
         )

@@ -18,9 +18,8 @@ from softmpc.statics.workspace_samples import Start, random_samples, solve
 
 __all__ = ["WorkspaceCheck", "check_workspace"]
 
-CLEARLY = (
-    2e-4  # of the arm's length outside the surfaces between their nodes: worth a search of its own
-)
+# Of the arm's length outside the surfaces between their nodes: worth a search of its own.
+CLEARLY = 2e-4
 NEIGHBOURS = 40  # places of the edge next to a ray, of which starts are taken
 DRAWS = 1000  # of places, before a shell counts as too thin for any
 STARTS = 12  # of them, at different limits

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from softmpc.model.model import Model
 
 __all__ = [
+    "FRONT",
     "Arm",
     "box_of",
     "draw_base",
@@ -33,6 +34,7 @@ __all__ = [
 AROUND = np.linspace(0, 2 * np.pi, 25)
 RINGS = 25  # of a section, at most
 FINE_POINTS = 61  # of a smooth line
+FRONT = (14, -62)  # degrees: elevation, and azimuth of the eye
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ def space(
     place: Any,
     box: np.ndarray,
     hangs: bool,
-    view: tuple[float, float] = (14, -62),
+    view: tuple[float, float] = FRONT,
     zoom: float = 1.0,
 ) -> Axes3D:
     """Three-dimensional axes around `box` with equal scales; z points down for a hanging arm.

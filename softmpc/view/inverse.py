@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softmpc.statics.targets import Direction, Orientation, Position
-from softmpc.view.arm import Arm, box_of, draw_base, draw_line, space, zoom_within
+from softmpc.view.arm import FRONT, Arm, box_of, draw_base, draw_line, space, zoom_within
 from softmpc.view.obstacles import draw_obstacles
 from softmpc.view.posture import draw_posture, legend_below
 from softmpc.view.style import ALARM, COLOURS, GREY, INK, figure, styled
@@ -84,7 +84,7 @@ def batch_figure(
     lines = arm.sections(found[0].q)
     box = box_of(tips, *lines, np.reshape([place for _, place in pairs], (-1, 3)), margin=0.02)
     made = figure(7.0, 6.2, title)
-    zoom = min(1.0, zoom_within(box, 14, 0.85))
+    zoom = min(1.0, zoom_within(box, FRONT[0], 0.85))
     axes = space(made, made.add_gridspec(1, 1)[0], box, arm.hangs, zoom=zoom)
     draw_obstacles(axes, arm.obstacles, box)
     draw_base(axes, 2 * max(arm.radii))

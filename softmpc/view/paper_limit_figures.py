@@ -10,7 +10,7 @@ from softmpc.statics.equilibrium import find_equilibrium
 from softmpc.study.paper_motions import UNITS
 from softmpc.study.paper_readings import OURS
 from softmpc.study.reproduce_statics import FULL, LIMIT_POSTURES
-from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
+from softmpc.view.arm import FRONT, Arm, box_of, draw_base, draw_tube, space
 from softmpc.view.paper_planes import base_plate, draw_band, draw_shape, frame_plane, key
 from softmpc.view.style import ALARM, GREY, INK, colour, figure, styled
 from softmpc.view.workspace import INNER, OUTER, VIEW, draw_shell
@@ -115,7 +115,7 @@ def _draw_limit_postures(made: Figure, place: Any, arm: Arm) -> None:
         pressures = [FULL if unit in units else 0.0 for unit in range(1, UNITS + 1)]
         shapes[name] = _lines(arm, pressures)
     box = box_of(*[line for lines in shapes.values() for line in lines], margin=max(arm.radii))
-    axes = space(made, place, box, True, (14, -62), 0.92)
+    axes = space(made, place, box, True, FRONT, 0.92)
     draw_base(axes, 1.6 * max(arm.radii))
     for name, lines in shapes.items():
         draw_tube(axes, lines, [0.6 * radius for radius in arm.radii], alpha=0.8)

@@ -8,7 +8,7 @@ import numpy as np
 
 from softmpc.study.paper_readings import AS_READ, OURS
 from softmpc.study.reproduce_statics import REST_TORQUES
-from softmpc.view.arm import Arm, box_of, draw_base, draw_tube, space
+from softmpc.view.arm import FRONT, Arm, box_of, draw_base, draw_tube, space
 from softmpc.view.paper_planes import COARSE, base_plate, draw_band, draw_shape, frame_plane, key
 from softmpc.view.style import INK, colour, figure, styled
 
@@ -79,7 +79,7 @@ def final_pose_figure(runs: PaperRuns, title: str) -> Figure:
     lines = [line for of in shapes.values() for line in of]
     box = box_of(base_plate(arm), *lines, margin=1.2 * max(arm.radii))
     grid = made.add_gridspec(1, 3, width_ratios=(1.2, 0.1, 1.0))
-    room = space(made, grid[0], box, arm.hangs, (14, -62), 1.0)
+    room = space(made, grid[0], box, arm.hangs, FRONT, 1.0)
     draw_base(room, 1.8 * max(arm.radii))
     plane = made.add_subplot(grid[2])
     if OURS in shapes:

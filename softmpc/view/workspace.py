@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softmpc.view.arm import Arm, box_of, draw_base, draw_line, draw_tube, space, zoom_within
+from softmpc.view.arm import FRONT, Arm, box_of, draw_base, draw_line, draw_tube, space, zoom_within
 from softmpc.view.style import COLOURS, GREY, INK, figure, styled
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ __all__ = ["INNER", "OUTER", "VIEW", "draw_shell", "limit_postures_figure", "wor
 
 OUTER, INNER = COLOURS[0], COLOURS[1]
 VIEW = (18, -62)  # degrees: elevation, and azimuth of the eye
-FRONT = (14, -62)  # the same for postures
 CUT = 85.0  # degrees to either side of the eye that the outer surface leaves open
 FINE = 3  # facets between two half-planes
 
